@@ -1,0 +1,1 @@
+"""Simulated admittance-controlled robot: turns the admitted force into motion."""

@@ -1,0 +1,16 @@
+"""Entry point of `ros2 run mig_filter_node mig_filter_node`."""
+
+import sys
+
+from rig_runtime.run import run
+
+from mig_filter_node.node import MigFilterNode
+
+
+def main() -> None:
+    """Spin the node until it is told to end."""
+    sys.exit(run(MigFilterNode))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""The shell around the filter: a state and a wrench in, an admitted force, a verdict and its reason out."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from mig_interfaces.msg import FilterDecision, TaskState, TrialState
+from rig_runtime import topics
+from rig_runtime.messages import set_vector
+from rig_runtime.node import RigNode
+from rig_runtime.ticks import Matched, TickMatcher, from_stamp, to_nanoseconds
+from shared_control.filter import Reason, Verdict
+from shared_control.loop import FilterOutcome, make_filter
+from shared_control.parameters import declarations
+from shared_control.scenario import FilterConfig, LoopConfig, Scenario
+from std_msgs.msg import Header
+
+#: Reasons that tell of something wrong, not of the user's action.
+_FAULTS = frozenset(reason for reason in Reason if reason >= Reason.NON_FINITE_WRENCH)
+
+CONFIGURATIONS = (LoopConfig, FilterConfig)
+
+
+class MigFilterNode(RigNode):
+    """`task/state` and `force_sensor/wrench` in; `mig_filter/command`, the verdict's topic and `mig_filter/decision` out.
+
+    Every tick that has a state gets exactly one decision. A wrench that is missing for `command_timeout`, not finite or
+    in another frame gets the safe command and the reason, never a silent pass.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("mig_filter", *CONFIGURATIONS, **kwargs)
+        loop = self.parameters.get(LoopConfig)
+        self._realtime = loop.pacing == "realtime"
+        self._timeout = to_nanoseconds(loop.command_timeout)
+        self._agent = make_filter(Scenario(loop=loop, filter=self.parameters.get(FilterConfig)))
+        self.parameters.on_change(self._reconfigure)
+        self._matcher: TickMatcher[TaskState, WrenchStamped] = TickMatcher()
+        self._verdicts = dict.fromkeys(Verdict, 0)
+        self._reasons = dict.fromkeys(Reason, 0)
+        self._slowest = 0.0
+        self._force = np.zeros(3)
+        self._decision = FilterDecision()
+        self._wrench = WrenchStamped()
+        self._by_verdict = {
+            Verdict.ACCEPTED: self.loop_publisher(topics.ACCEPTED),
+            Verdict.REJECTED: self.loop_publisher(topics.REJECTED),
+            Verdict.REPLACED: self.loop_publisher(topics.REPLACED),
+        }
+        self._command_publisher = self.loop_publisher(topics.COMMAND)
+        self._decision_publisher = self.loop_publisher(topics.DECISION)
+        self.loop_subscription(topics.TASK_STATE, self._on_state)
+        self.loop_subscription(topics.WRENCH, self._on_wrench)
+        if self._realtime:
+            self.create_timer(loop.command_timeout / 5, self._watchdog, clock=self.steady)
+
+    def prepare(self) -> None:
+        self._agent.warm_up()
+
+    def arm(self, trial: TrialState) -> None:
+        self._agent.reset()
+        self._matcher.reset()
+        self._verdicts = dict.fromkeys(Verdict, 0)
+        self._reasons = dict.fromkeys(Reason, 0)
+        self._slowest = 0.0
+
+    def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
+        matcher = self._matcher
+        faults = {reason: n for reason, n in self._reasons.items() if reason in _FAULTS and n}
+        bad = bool(faults) or matcher.late > 0 or matcher.overflows > 0
+        values: dict[str, object] = {"mode": self._agent.mode.name.lower(), "ticks": self.ticks_done}
+        values |= {verdict.name.lower(): n for verdict, n in self._verdicts.items()}
+        values |= {f"reason {reason.name.lower()}": n for reason, n in faults.items()}
+        values |= {"late": matcher.late, "duplicates": matcher.duplicates, "overflows": matcher.overflows}
+        values["slowest decision [ms]"] = round(1e3 * self._slowest, 3)
+        return DiagnosticStatus.WARN if bad else DiagnosticStatus.OK, "judging", values
+
+    def _reconfigure(self) -> None:
+        config = self.parameters.get(FilterConfig)
+        self._agent.configure(**{d.name: getattr(config, d.name) for d in declarations(FilterConfig) if d.live})
+
+    def _on_state(self, state: TaskState) -> None:
+        now = time.monotonic_ns()
+        for tick in self._matcher.put_left(from_stamp(state.header.stamp), state, now):
+            self._decide(tick)
+
+    def _on_wrench(self, wrench: WrenchStamped) -> None:
+        now = time.monotonic_ns()
+        for tick in self._matcher.put_right(from_stamp(wrench.header.stamp), wrench, now):
+            self._decide(tick)
+
+    def _watchdog(self) -> None:
+        for tick in self._matcher.expire(time.monotonic_ns() - self._timeout):
+            self._decide(tick)
+
+    def _decide(self, tick: Matched[TaskState, WrenchStamped]) -> None:
+        begin = time.monotonic_ns()
+        wrench = tick.right
+        if wrench is None:
+            self._force[:] = 0.0
+            outcome = self._agent.fallback(Reason.STALE_WRENCH, self._force)
+        else:
+            force = wrench.wrench.force
+            self._force[:] = (force.x, force.y, force.z)
+            if wrench.header.frame_id != topics.SENSOR_FRAME:
+                outcome = self._agent.fallback(Reason.UNKNOWN_FRAME, self._force)
+            else:
+                outcome = self._agent.decide(np.asarray(tick.left.state), self._force)
+        self._publish_command(outcome, tick.left.header)
+        self._publish_decision(outcome, tick, begin)
+        self._verdicts[outcome.decision.verdict] += 1
+        self._reasons[outcome.decision.reason] += 1
+        self.ticks_done += 1
+
+    def _publish_command(self, outcome: FilterOutcome, header: Header) -> None:
+        # The command goes first: it is what the loop waits for.
+        wrench = self._wrench
+        wrench.header.stamp = header.stamp
+        wrench.header.frame_id = topics.SENSOR_FRAME
+        set_vector(wrench.wrench.force, outcome.admitted_force)
+        self._command_publisher.publish(wrench)
+        set_vector(wrench.wrench.force, self._force)
+        self._by_verdict[outcome.decision.verdict].publish(wrench)
+
+    def _publish_decision(
+        self, outcome: FilterOutcome, tick: Matched[TaskState, WrenchStamped], begin: int
+    ) -> None:
+        decision, message = outcome.decision, self._decision
+        message.header.stamp = tick.left.header.stamp
+        message.header.frame_id = topics.SENSOR_FRAME
+        message.tick = tick.left.tick
+        message.mode = decision.mode
+        message.verdict = decision.verdict
+        message.reason = decision.reason
+        message.criterion = decision.criterion
+        message.threshold = decision.threshold
+        message.user_control = decision.user_control.tolist()
+        message.nominal_control = decision.nominal_control.tolist()
+        message.applied_control = decision.applied_control.tolist()
+        set_vector(message.user_force, self._force)
+        set_vector(message.admitted_force, outcome.admitted_force)
+        set_vector(message.added_force, outcome.added_force)
+        if self._realtime:
+            # Wall time differs from run to run, so it stays out of the messages of a lockstep run.
+            message.state_age = 1e-9 * (begin - tick.left_received)
+            message.wrench_age = 1e-9 * (begin - tick.right_received)
+            message.compute_time = 1e-9 * (time.monotonic_ns() - begin)
+            self._slowest = max(self._slowest, message.compute_time)
+        self._decision_publisher.publish(message)

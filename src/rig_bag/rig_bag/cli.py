@@ -1,0 +1,149 @@
+"""``bag record | info | play`` on a command line, with the syntax and the output of ``ros2 bag`` for Jazzy."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+
+import rclpy
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from rig_bag.describe import describe
+from rig_bag.errors import BagError
+from rig_bag.player import Player
+from rig_bag.process import run
+from rig_bag.reader import info
+from rig_bag.recorder import RecorderNode
+
+__all__ = ["main"]
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not value > 0.0:
+        raise argparse.ArgumentTypeError(f"{value} is not in the valid range (> 0.0)")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not value >= 0.0:
+        raise argparse.ArgumentTypeError(f"Value {value} is less than zero.")
+    return value
+
+
+def _parser(program: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=program, description="Record, describe and play bags.")
+    verbs = parser.add_subparsers(dest="verb", metavar="verb", required=True)
+
+    record = verbs.add_parser("record", help="Record topics into a bag, until interrupted")
+    record.add_argument(
+        "-o", "--output", help="Bag to create; by default a folder named by the time, in the current directory"
+    )
+    record.add_argument("topics_positional", nargs="*", default=[], metavar="TOPIC", help="Topics to record")
+    record.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="Topics to record")
+    record.add_argument("-a", "--all", action="store_true", help="Record all topics that are not hidden")
+    record.add_argument("--all-topics", action="store_true", help="The same as --all")
+    record.add_argument("-e", "--regex", default="", help="Record the topics that contain a match")
+    record.add_argument("--exclude-regex", default="", help="Leave these out of what --all or --regex finds")
+    record.add_argument("-s", "--storage", default="mcap", choices=["mcap"], help="Storage (mcap is the only one)")
+    record.add_argument("--node-name", default="rosbag2_recorder", help="Name of the recording node")
+
+    describe_ = verbs.add_parser("info", help="Print what a bag says of itself")
+    describe_.add_argument("bag_path", help="Bag to describe")
+    describe_.add_argument("-t", "--topic-name", action="store_true", help="Only print the names of the topics")
+
+    play = verbs.add_parser("play", help="Play a bag")
+    play.add_argument("bag_path", help="Bag to play")
+    play.add_argument("-r", "--rate", type=_positive, default=1.0, help="Rate of play, above 0")
+    play.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="Topics to play; by default all")
+    play.add_argument(
+        "--start-offset", type=_not_negative, default=0.0, metavar="S", help="Start this many seconds into the bag"
+    )
+    play.add_argument("-l", "--loop", action="store_true", help="Start again at the end")
+    play.add_argument(
+        "-d", "--delay", type=_not_negative, default=0.0, metavar="S", help="Wait this long before playing"
+    )
+    return parser
+
+
+def _record(arguments: argparse.Namespace) -> int:
+    topics = [*arguments.topics_positional, *arguments.topics]
+    everything = arguments.all or arguments.all_topics
+    if not (topics or everything or arguments.regex):
+        print("error: name the topics to record, or use --all or --regex", file=sys.stderr)
+        return 1
+    values = {
+        "uri": arguments.output or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S"),
+        "topics": topics or [""],
+        "regex": arguments.regex,
+        "exclude_regex": arguments.exclude_regex,
+        "all": everything,
+        "per_tick_topics": [""],
+        "follow_trial": False,
+    }
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    return run(
+        lambda: RecorderNode(arguments.node_name, parameter_overrides=overrides, use_global_arguments=False),
+        [],
+        until_closed=False,
+    )
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    bag = info(arguments.bag_path)
+    if arguments.topic_name:
+        for entry in bag.metadata.topics:
+            print(entry.name)
+    else:
+        print(describe(bag))
+    return 0
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = rclpy.create_node("rosbag2_player", use_global_arguments=False)
+        try:
+            player = Player(
+                node,
+                arguments.bag_path,
+                topics=arguments.topics,
+                rate=arguments.rate,
+                start_offset=arguments.start_offset,
+            )
+            stop.wait(arguments.delay)
+            while not stop.is_set():
+                player.play(stop)
+                if not arguments.loop:
+                    break
+            player.drain()
+        finally:
+            node.destroy_node()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        rclpy.try_shutdown()
+    return 0
+
+
+def main(argv: Sequence[str] | None = None, program: str = "ros2 bag") -> int:
+    """Run one verb; returns the exit status (0, or 1 after an error, which is printed in one sentence)."""
+    arguments = _parser(program).parse_args(argv)
+    verbs = {"record": _record, "info": _info, "play": _play}
+    try:
+        return verbs[arguments.verb](arguments)
+    except BagError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

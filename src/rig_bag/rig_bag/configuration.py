@@ -1,0 +1,54 @@
+"""Parameters of the recorder, declared once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from shared_control.parameters import parameter
+
+__all__ = ["PER_TICK_TOPICS", "QUEUE_DEPTH", "STATE_TOPIC", "TOPICS", "TRIAL_TOPIC", "RecorderConfig"]
+
+TRIAL_TOPIC = "trial/state"
+STATE_TOPIC = "recorder/state"
+_LOOP = (
+    "task/state",
+    "force_sensor/wrench",
+    "mig_filter/command",
+    "mig_filter/decision",
+    "admittance/end_effector",
+)
+_BY_VERDICT = ("mig_filter/accepted", "mig_filter/rejected", "mig_filter/replaced")
+#: One message a tick on each; the three by verdict have it together.
+PER_TICK_TOPICS = (*_LOOP, "|".join(_BY_VERDICT))
+TOPICS = (
+    *_LOOP,
+    *_BY_VERDICT,
+    TRIAL_TOPIC,
+    "trial/reports",
+    "task/joint_states",
+    "task/markers",
+    "/diagnostics",
+)
+#: [messages] that wait in the middleware while the recorder is busy; in lockstep the pacemaker stays within it.
+QUEUE_DEPTH = 1000
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """What is recorded, where to, and how progress is reported. An empty string in a list stands for nothing."""
+
+    uri: str = parameter("", "directory of the bag; empty: rosbag2_ and the time, in the current directory")
+    topics: tuple[str, ...] = parameter(TOPICS, "topics to record; relative names are taken in the node's namespace")
+    regex: str = parameter("", "record also the topics whose full name contains a match of this")
+    exclude_regex: str = parameter("", "of the topics found by regex or all, leave these out")
+    all: bool = parameter(False, "record every topic that is not hidden")
+    per_tick_topics: tuple[str, ...] = parameter(
+        PER_TICK_TOPICS,
+        "topics with one message a tick, whose stamps define progress; a|b: one on either, checked only",
+    )
+    follow_trial: bool = parameter(True, "record trial/state, and close the bag when the trial has ended")
+    progress_ticks: int = parameter(25, "ticks between two messages on recorder/state", ge=1, le=100_000)
+    settle_limit: float = parameter(
+        5.0, "how long an ended trial is waited for what is missing", unit="s", ge=0.0, le=3600.0
+    )
+    attachments: tuple[str, ...] = parameter(("",), "files to store in the bag, such as the scenario")

@@ -1,0 +1,148 @@
+"""Reading bags: what a bag holds, its messages as bytes, and its topics as arrays.
+
+Everything is decoded with the definitions that the bag carries; neither ROS nor the messages need be installed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rig_bag import cdr
+from rig_bag.errors import BagError
+from rig_bag.mcap_scan import Contents, Messages, scan
+from rig_bag.metadata import BagMetadata
+
+__all__ = ["Bag", "Message", "info", "messages", "read"]
+
+
+class Message(NamedTuple):
+    """One stored message; times in nanoseconds since the epoch."""
+
+    topic: str
+    type: str
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag on the disk: where it is, what ``metadata.yaml`` says, and how large it is [B]."""
+
+    path: Path
+    metadata: BagMetadata
+    size: int
+
+    def files(self) -> list[Path]:
+        return [self.path / name for name in self.metadata.files]
+
+    def contents(self) -> list[Contents]:
+        """The contents of its files, read in full. Raises BagError as :func:`rig_bag.mcap_scan.scan` does."""
+        if self.metadata.storage != "mcap":
+            raise BagError(f"{self.path} is stored as {self.metadata.storage}; only MCAP bags are read here")
+        return [scan(path) for path in self.files()]
+
+
+def info(bag: str | os.PathLike[str]) -> Bag:
+    """Describe a bag from its ``metadata.yaml`` (what ``ros2 bag info`` reads).
+
+    Raises
+    ------
+    BagError: there is no such bag, or its metadata cannot be read.
+    """
+    path = Path(bag)
+    if path.is_file() and path.suffix == ".mcap":
+        path = path.parent
+    if not path.is_dir():
+        raise BagError(f"there is no bag {path}")
+    metadata = BagMetadata.load(path)
+    return Bag(path, metadata, sum(file.stat().st_size for file in path.rglob("*") if file.is_file()))
+
+
+def messages(bag: str | os.PathLike[str], topics: Sequence[str] | None = None) -> Iterator[Message]:
+    """Yield the stored messages in the order of their log times (in the order of the file where they are equal).
+
+    Raises
+    ------
+    BagError: as :func:`info`; or a file is damaged.
+    """
+    for contents in info(bag).contents():
+        found: list[tuple[int, int, Message]] = []
+        for channel in contents.channels.values():
+            if topics is None or channel.topic in topics:
+                name = contents.schemas.get(channel.schema, ("", "", b""))[0]
+                found.extend(
+                    (log_time, order, Message(channel.topic, name, log_time, publish_time, data))
+                    for log_time, publish_time, data, order in zip(
+                        channel.log_times, channel.publish_times, channel.data, channel.order, strict=True
+                    )
+                )
+        found.sort(key=itemgetter(0, 1))
+        for _, _, message in found:
+            yield message
+
+
+def read(bag: str | os.PathLike[str], topics: Sequence[str] | None = None) -> dict[str, Any]:
+    """Read topics into arrays: {topic: structured array of shape (messages,), or list}.
+
+    Columns: ``log_time`` and ``publish_time`` [ns], then the message's fields in the order of its definition, as
+    :meth:`rig_bag.cdr.Schema.array` lays them out (Vector3: last axis x, y, z). A topic whose messages have no common
+    layout (strings or sequences of changing length, sequences of messages) is a list of namespaces with ``log_time``
+    and ``publish_time`` added to the message's own fields.
+
+    Raises
+    ------
+    BagError: as :func:`messages`; or a topic asked for is not in the bag; or bytes do not fit their definition.
+    """
+    result: dict[str, Any] = {}
+    found: dict[str, None] = {}
+    for contents in info(bag).contents():
+        for channel in contents.channels.values():
+            found[channel.topic] = None
+            if topics is None or channel.topic in topics:
+                values = _values(contents, channel)
+                result[channel.topic] = _joined(result[channel.topic], values) if channel.topic in result else values
+    missing = [topic for topic in topics or () if topic not in result]
+    if missing:
+        raise BagError(f"{bag} has no topic {', '.join(missing)}; it has {', '.join(found) or 'none'}")
+    return result
+
+
+def _values(contents: Contents, channel: Messages) -> Any:
+    name, encoding, text = contents.schemas[channel.schema]
+    if encoding != "ros2msg" or channel.encoding != "cdr":
+        raise BagError(f"{channel.topic} is stored as {encoding}/{channel.encoding}; only ros2msg/cdr is read here")
+    schema = cdr.parse(name, text.decode("utf-8"))
+    array = schema.array(channel.data)
+    if array is None:
+        rows = []
+        for log_time, publish_time, data in zip(channel.log_times, channel.publish_times, channel.data, strict=True):
+            message = schema.decode(data)
+            message.log_time, message.publish_time = log_time, publish_time
+            rows.append(message)
+        return rows
+    dtype = np.dtype([("log_time", np.int64), ("publish_time", np.int64), *_items(array.dtype)])
+    table = np.empty(len(array), dtype)
+    table["log_time"], table["publish_time"] = channel.log_times, channel.publish_times
+    for column in array.dtype.names or ():
+        table[column] = array[column]
+    return table
+
+
+def _items(dtype: np.dtype[Any]) -> list[tuple[str, Any]]:
+    assert dtype.names is not None
+    assert dtype.fields is not None
+    return [(name, dtype.fields[name][0]) for name in dtype.names]
+
+
+def _joined(first: Any, second: Any) -> Any:
+    if isinstance(first, list) or isinstance(second, list) or first.dtype != second.dtype:
+        raise BagError("the files of this bag do not agree on a topic's layout")
+    return np.concatenate((first, second))

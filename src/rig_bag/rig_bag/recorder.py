@@ -1,0 +1,341 @@
+"""The recorder node: raw subscriptions in, one bag out.
+
+It publishes how far it is on ``recorder/state``; in lockstep the pacemaker follows that, so that a slow disk slows the
+run and loses nothing.
+"""
+
+from __future__ import annotations
+
+import atexit
+import datetime
+import os
+import platform
+import re
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
+
+from mig_interfaces.msg import RecorderState, TrialState
+from rig_bag import definitions
+from rig_bag.configuration import QUEUE_DEPTH, STATE_TOPIC, TRIAL_TOPIC, RecorderConfig
+from rig_bag.errors import BagError
+from rig_bag.process import run
+from rig_bag.qos import Qos
+from rig_bag.recording import Recording, Stream, Trial
+from rig_bag.writer import BagWriter
+from shared_control.parameters import build, declarations
+
+__all__ = ["RecorderNode", "main"]
+
+_SEARCH_PERIOD = 0.05  # [s] between looks for publishers while a listed topic has none
+_WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and between flushes
+_SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
+
+
+class RecorderNode(Node):  # type: ignore[misc]
+    """Records topics into one bag, from construction until the trial ends, :meth:`close` is called, or the node is
+    destroyed.
+
+    Its parameters are those of :class:`rig_bag.configuration.RecorderConfig`, all read-only, and ``pacing``; keyword
+    arguments are those of ``rclpy.node.Node``.
+
+    Raises
+    ------
+    BagError: the bag cannot be opened.
+    """
+
+    def __init__(self, node_name: str = "recorder", **kwargs: Any) -> None:
+        super().__init__(node_name, **kwargs)
+        #: Done when the bag is closed; the result is the reason.
+        self.closed = Future()
+        self.recording: Recording | None = None
+        self._subscriptions_of: dict[str, Any] = {}
+        self._skipped: set[str] = set()
+        self._settle: Any = None
+        self._settled_at = 0
+        self._recorded_uid = 0
+        self._reason = ""
+        #: Whether something is missing in the bag because it could not be written.
+        self.failed = False
+        try:
+            self._open()
+        except BaseException:
+            super().destroy_node()
+            raise
+
+    def _declare(self) -> RecorderConfig:
+        """Declare the parameters, all read-only, and check their values."""
+        values = {}
+        for declaration in declarations(RecorderConfig):
+            default = list(declaration.default) if declaration.is_array else declaration.default
+            descriptor = ParameterDescriptor(
+                description=declaration.description, additional_constraints=declaration.allowed(), read_only=True
+            )
+            values[declaration.name] = self.declare_parameter(declaration.name, default, descriptor).value
+        return build(RecorderConfig, values, f"node {self.get_fully_qualified_name()}")
+
+    def _open(self) -> None:
+        self.config = config = self._declare()
+        pacing = self.declare_parameter("pacing", "realtime", ParameterDescriptor(read_only=True)).value
+        regex, exclude = config.regex, config.exclude_regex
+        try:
+            self._pattern = re.compile(regex) if regex else None
+            self._exclude = re.compile(exclude) if exclude else None
+        except re.error as error:
+            raise BagError(f"{regex or exclude!r} is not a regular expression: {error}") from error
+        self._trial_topic = self.resolve_topic_name(TRIAL_TOPIC)
+        self._wanted = [self.resolve_topic_name(topic) for topic in config.topics if topic]
+        if config.follow_trial and self._trial_topic not in self._wanted:
+            self._wanted.append(self._trial_topic)
+        groups = [
+            "|".join(self.resolve_topic_name(topic) for topic in group.split("|"))
+            for group in config.per_tick_topics
+            if group
+        ]
+        writer = BagWriter(
+            config.uri or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S"), custom_data=_surroundings()
+        )
+        self.path = writer.path
+        self.recording = Recording(
+            writer,
+            per_tick=groups,
+            lockstep=pacing == "lockstep",
+            progress_ticks=config.progress_ticks,
+            on_progress=self._publish_state,
+        )
+        atexit.register(self.close, "the process ended")
+        for name in filter(None, config.attachments):
+            self._attach(writer, Path(name))
+        latched = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=1,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        )
+        self._publisher = self.create_publisher(RecorderState, STATE_TOPIC, latched)
+        self._state = RecorderState(uri=str(self.path))
+        self._publish_state()
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._search = self.create_timer(_SEARCH_PERIOD, self._look_for_publishers, clock=clock)
+        self._flush = self.create_timer(_WATCH_PERIOD, self._flush_bag, clock=clock)
+        self._settle = self.create_timer(_SETTLE_PERIOD, self._check_settled, clock=clock)
+        self._settle.cancel()
+        self._look_for_publishers()
+        self.get_logger().info(f"recording to {self.path}")
+
+    def _attach(self, writer: BagWriter, path: Path) -> None:
+        try:
+            data, changed = path.read_bytes(), path.stat().st_mtime_ns
+        except OSError as error:
+            self.close()
+            raise BagError(f"cannot attach {path}: {error.strerror}") from error
+        media_type = "application/yaml" if path.suffix in (".yaml", ".yml") else "application/octet-stream"
+        writer.attach(path.name, data, media_type, changed)
+
+    # -- readiness ---------------------------------------------------------------------------------------------------
+
+    def topics_wanted(self) -> tuple[str, ...]:
+        """Fully qualified names of the topics that are listed (those of a pattern are not known in advance)."""
+        return tuple(self._wanted)
+
+    def matched(self) -> dict[str, int]:
+        """How many publishers each wanted or subscribed topic is matched with; 0 before it is subscribed."""
+        result = dict.fromkeys(self._wanted, 0)
+        for topic, subscription in self._subscriptions_of.items():
+            result[topic] = subscription.get_publisher_count()
+        return result
+
+    # -- topics ------------------------------------------------------------------------------------------------------
+
+    def _look_for_publishers(self) -> None:
+        if self.recording is None:
+            return
+        # One cheap question for all topics; that for a topic's publishers costs twenty times as much.
+        for topic, _ in self.get_topic_names_and_types():
+            if topic not in self._subscriptions_of and (topic in self._wanted or self._selected(topic)):
+                self._subscribe(topic)
+        pattern = self._pattern is not None or self.config.all
+        if all(topic in self._subscriptions_of or topic in self._skipped for topic in self._wanted):
+            if pattern:
+                self._search.timer_period_ns = int(_WATCH_PERIOD * 1e9)
+            else:
+                self._search.cancel()
+
+    def _selected(self, topic: str) -> bool:
+        """Whether the pattern, or `all`, takes this topic."""
+        if any(part.startswith("_") for part in topic.split("/")):
+            return False
+        if self._exclude is not None and self._exclude.search(topic):
+            return False
+        return self.config.all or (self._pattern is not None and self._pattern.search(topic) is not None)
+
+    def _subscribe(self, topic: str) -> None:
+        """Subscribe to a topic if it has a publisher, in the strictest way that every publisher it has can serve."""
+        if topic in self._skipped:
+            return
+        publishers = self.get_publishers_info_by_topic(topic)
+        if not publishers:
+            return
+        assert self.recording is not None
+        types = sorted({info.topic_type for info in publishers})
+        try:
+            if len(types) > 1:
+                raise BagError(f"its publishers disagree on its type: {', '.join(types)}")
+            message_type = definitions.message_class(types[0])
+            stream = self.recording.add_topic(
+                topic,
+                types[0],
+                [Qos.from_rclpy(info.qos_profile) for info in publishers],
+                str(publishers[0].topic_type_hash),
+            )
+        except BagError as error:
+            self._skipped.add(topic)
+            self.get_logger().warning(f"{topic} is not recorded: {error}")
+            return
+        profiles = [info.qos_profile for info in publishers]
+        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
+        latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=QUEUE_DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        self._subscriptions_of[topic] = self.create_subscription(
+            message_type, topic, self._callback(topic, stream), qos, raw=True
+        )
+
+    def _callback(self, topic: str, stream: Stream) -> Callable[[bytes], None]:
+        recording = self.recording
+        assert recording is not None
+        receive, now = recording.receive, time.time_ns
+
+        def take(data: bytes) -> None:
+            if self.recording is None:
+                return
+            try:
+                receive(stream, data, now())
+            except BagError as error:
+                self._fail(error)
+
+        def take_trial(data: bytes) -> None:
+            take(data)
+            self._on_trial(deserialize_message(data, TrialState))
+
+        return take_trial if self.config.follow_trial and topic == self._trial_topic else take
+
+    # -- the trial ---------------------------------------------------------------------------------------------------
+
+    def _on_trial(self, message: TrialState) -> None:
+        recording = self.recording
+        if recording is None:
+            return
+        trial = Trial.from_message(message)
+        if trial.under_way:
+            self._recorded_uid = trial.uid
+            if trial.phase == Trial.RUNNING:
+                # What has no publisher by now may get one, but is not worth the ticks' time.
+                self._search.timer_period_ns = int(_WATCH_PERIOD * 1e9)
+        elif trial.uid != self._recorded_uid:
+            # What is left over, latched, from a trial before this recording.
+            return
+        recording.follow(trial)
+        if trial.ended:
+            self._settled_at = -1
+            self._deadline = time.monotonic() + self.config.settle_limit
+            self._settle.reset()
+
+    def _check_settled(self) -> None:
+        """Close once everything is here and nothing more comes, or the wait has been long enough."""
+        recording = self.recording
+        if recording is None or recording.trial is None:
+            self._settle.cancel()
+            return
+        late = time.monotonic() >= self._deadline
+        quiet = recording.writer.messages == self._settled_at
+        self._settled_at = recording.writer.messages
+        if (quiet and (recording.complete() or recording.trial.phase == Trial.ABORTED)) or late:
+            self.close(f"trial {'finished' if recording.trial.phase == Trial.FINISHED else 'aborted'}")
+
+    # -- the bag -----------------------------------------------------------------------------------------------------
+
+    def _publish_state(self) -> None:
+        state, recording = self._state, self.recording
+        if recording is not None:
+            progress = recording.progress
+            state.header.stamp.sec, state.header.stamp.nanosec = divmod(max(progress, 0), 1_000_000_000)
+            state.messages = recording.writer.messages
+            state.bytes = recording.writer.bytes
+            state.lost = recording.lost()
+            state.recording = not recording.writer.closed
+        state.message = self._reason
+        self._publisher.publish(state)
+
+    def _flush_bag(self) -> None:
+        if self.recording is None:
+            return
+        try:
+            self.recording.writer.flush()
+        except BagError as error:
+            self._fail(error)
+
+    def _fail(self, error: BagError) -> None:
+        self.failed = True
+        self.get_logger().error(str(error))
+        self.close(str(error))
+
+    def close(self, reason: str = "closed on request") -> None:
+        """Close the bag and say so on ``recorder/state``. Idempotent; a fault is logged and published, not raised."""
+        recording = self.recording
+        if recording is None or recording.writer.closed:
+            return
+        self._reason = reason
+        try:
+            recording.close(reason)
+        except BagError as error:
+            self.failed = True
+            self._reason = str(error)
+            self.get_logger().error(str(error))
+        atexit.unregister(self.close)
+        if self.context.ok() and hasattr(self, "_publisher"):
+            self._publish_state()
+            self.get_logger().info(f"closed {self.path} ({recording.writer.messages} messages): {self._reason}")
+        self.recording = None
+        if not self.closed.done():
+            self.closed.set_result(self._reason)
+
+    def destroy_node(self) -> None:
+        self.close("the node was destroyed")
+        super().destroy_node()
+
+
+def _surroundings() -> dict[str, str]:
+    """What the recording was made with."""
+    return {
+        "host": platform.node(),
+        "machine": platform.machine(),
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "rmw": rclpy.get_rmw_implementation_identifier(),
+        "scheduling": {0: "other", 1: "fifo", 2: "round robin"}.get(os.sched_getscheduler(0), "unknown"),
+    }
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of ``ros2 run rig_bag recorder``."""
+    return run(RecorderNode, args, until_closed=False)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Bring-up: the command line behind `./rig`, scenarios, starting and stopping the graph."""

@@ -1,0 +1,29 @@
+"""`ros2 run rig_bringup compose --ros-args ...`: the whole graph in one process, on one executor."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from admittance_sim_node.node import AdmittanceSimNode
+from mig_filter_node.node import MigFilterNode
+from rig_bag.recorder import RecorderNode
+from rig_runtime.node import RigNode
+from rig_runtime.run import run
+from task_sim_node.node import TaskSimNode
+from user_sim_node.node import UserSimNode
+
+
+def graph(record: bool) -> list[type[RigNode]]:
+    """The nodes of the graph, in the order of the loop; the recorder first, so that it misses nothing."""
+    nodes: list[type[RigNode]] = [UserSimNode, MigFilterNode, AdmittanceSimNode, TaskSimNode]
+    return [RecorderNode, *nodes] if record else nodes
+
+
+def main() -> None:
+    """Spin the graph until it is told to end. RIG_RECORD=0 leaves the recorder out."""
+    sys.exit(run(*graph(os.environ.get("RIG_RECORD", "1") != "0")))
+
+
+if __name__ == "__main__":
+    main()

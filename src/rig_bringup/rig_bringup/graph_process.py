@@ -1,0 +1,79 @@
+"""The graph as a child of this process: started in a session of its own, stopped by a signal, never left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+#: [s] How long the graph may take to end before it is killed.
+_PATIENCE = 10.0
+
+
+class GraphProcess:
+    """A running graph. Use as a context manager: leaving it stops the graph, whatever happened inside."""
+
+    def __init__(self, command: Sequence[str], log: Path, environment: Mapping[str, str]) -> None:
+        self._out = log.open("wb")
+        # A session of its own: Ctrl-C in the terminal reaches only us, and we end the graph in the right order.
+        self._process = subprocess.Popen(
+            list(command),
+            stdin=subprocess.DEVNULL,
+            stdout=self._out,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **environment},
+            start_new_session=True,
+        )
+        self.log = log
+
+    def __enter__(self) -> GraphProcess:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    @property
+    def exit_code(self) -> int | None:
+        """None while it runs."""
+        return self._process.poll()
+
+    def stop(self) -> int:
+        """End the graph and wait for it; return its exit code. Interrupting this does not interrupt the ending."""
+        was = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            if self._process.poll() is None:
+                self._process.send_signal(signal.SIGINT)
+                try:
+                    self._process.wait(_PATIENCE)
+                except subprocess.TimeoutExpired:
+                    self._kill_session()
+            self._out.close()
+            return self._process.wait()
+        finally:
+            signal.signal(signal.SIGINT, was)
+
+    def _kill_session(self) -> None:
+        # The nodes lead process groups of their own, but all of them are in the session that was started here.
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit() and _session_of(int(entry.name)) == self._process.pid:
+                try:
+                    os.kill(int(entry.name), signal.SIGKILL)
+                except ProcessLookupError:
+                    continue
+
+    def last_words(self, count: int = 12) -> str:
+        """The end of what the graph printed."""
+        lines = self.log.read_text(errors="replace").splitlines()
+        return "\n".join(f"    {line}" for line in lines[-count:])
+
+
+def _session_of(pid: int) -> int:
+    try:
+        return os.getsid(pid)
+    except (ProcessLookupError, PermissionError):
+        return -1

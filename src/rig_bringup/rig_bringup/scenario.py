@@ -1,0 +1,97 @@
+"""Scenarios for the graph: read and checked against the nodes' own declarations, and written as what a run used."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rig_bag.configuration import RecorderConfig
+from shared_control import scenario as science
+from shared_control.parameters import ParameterError, build
+from shared_control.scenario import LoopConfig, Scenario, ScenarioError
+
+__all__ = ["Checked", "ScenarioError", "load", "parameter_file"]
+
+_RECORDER = "/**/recorder"
+
+#: Section of a parameter file for each part of a scenario.
+_SECTIONS = {
+    "/**": "loop",
+    "/**/task_sim": "task",
+    "/**/user_sim": "user",
+    "/**/mig_filter": "filter",
+    "/**/admittance_sim": "robot",
+}
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A scenario whose every key and value has been checked, with the recorder's section beside it."""
+
+    scenario: Scenario
+    recorder: dict[str, Any]
+
+    @property
+    def loop(self) -> LoopConfig:
+        """What the nodes share."""
+        return self.scenario.loop
+
+    def text(self) -> str:
+        """The scenario as a ROS parameter file that names every value, defaults included."""
+        values = {section: asdict(getattr(self.scenario, part)) for section, part in _SECTIONS.items()}
+        return parameter_file({**values, _RECORDER: self.recorder})
+
+    def digest(self) -> str:
+        """SHA-256 of :meth:`text`."""
+        return hashlib.sha256(self.text().encode()).hexdigest()
+
+
+def load(name: str, overrides: Mapping[str, Any]) -> Checked:
+    """Find a scenario by name or path, check it, and put shared values from the command line on top.
+
+    Raises
+    ------
+    ScenarioError: missing, not YAML, an unknown key, a wrong type, out of range; the message says where and what to do.
+    """
+    _use_shipped_scenarios()
+    path = science.find(name)
+    scenario = science.load(path)
+    try:
+        loop = build(LoopConfig, {**asdict(scenario.loop), **overrides}, "command line")
+        scenario = replace(scenario, loop=loop)
+        science.check(scenario)
+        return Checked(scenario, _recorder_section(path))
+    except ParameterError as error:
+        raise ScenarioError(str(error)) from None
+
+
+def _use_shipped_scenarios() -> None:
+    root = os.environ.get("RIG_ROOT")
+    if root:
+        os.environ.setdefault("SHARED_CONTROL_CONFIG", str(Path(root) / "config"))
+
+
+def _recorder_section(path: Path) -> dict[str, Any]:
+    body = (yaml.safe_load(path.read_text()) or {}).get(_RECORDER) or {}
+    values = dict(body.get("ros__parameters") or {})
+    build(RecorderConfig, values, f"{path}: section {_RECORDER}")
+    return values
+
+
+def parameter_file(sections: Mapping[str, Mapping[str, Any]]) -> str:
+    """Sections and values as the text of a ROS parameter file.
+
+    Empty sections and empty lists are left out: ROS cannot tell the type of an empty list, and it is the default's.
+    """
+    content = {}
+    for section, values in sections.items():
+        plain = {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
+        plain = {key: value for key, value in plain.items() if value != []}
+        if plain:
+            content[section] = {"ros__parameters": plain}
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)

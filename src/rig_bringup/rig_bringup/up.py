@@ -1,0 +1,184 @@
+"""`./rig up`: a trial on the live graph, recorded and reported."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rig_bringup import scenario
+from rig_bringup.graph_process import GraphProcess
+from rig_bringup.scenario import Checked, ScenarioError
+
+DEFAULT_SCENARIO = "cart_pendulum_noise_assistance"
+
+#: [s] How long the nodes may take to be ready, and the recorder to close its bag.
+_READY_LIMIT = 60.0
+_CLOSE_LIMIT = 30.0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `./rig up`."""
+    result = argparse.ArgumentParser(
+        prog="./rig up",
+        description="Run one trial on the live ROS 2 graph: start the nodes, wait until every endpoint is matched, run, "
+        "record to a bag, report. Ctrl-C at any moment leaves a closed, readable bag and no process behind.",
+    )
+    result.add_argument("scenario", nargs="?", default=DEFAULT_SCENARIO, help="name under config/, or a path (%(default)s)")
+    result.add_argument("--pacing", choices=("realtime", "lockstep"), help="wall time, or as fast as the machine allows")
+    result.add_argument("--compose", action="store_true", help="all nodes in one process, on one executor")
+    result.add_argument("--duration", type=float, metavar="S", help="length of the trial [s]")
+    result.add_argument("--seed", type=int, metavar="N", help="seed of every random stream")
+    result.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: a new one under runs/)")
+    result.add_argument("--namespace", default="rig", help="stands in front of every topic (%(default)s)")
+    result.add_argument("--no-report", action="store_true", help="leave the HTML report out")
+    return result
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run a trial; 0 if it ran to its end, 130 if it was interrupted, 2 for bad input, 1 for anything else."""
+    arguments = parser().parse_args(argv)
+    try:
+        checked = _load(arguments)
+        out = _make_folder(arguments.out, checked.scenario.name)
+    except ScenarioError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    bag = out / "bag"
+    files = _write_parameters(out, bag, checked)
+    loop = checked.loop
+    print(f"{checked.scenario.name}: {loop.duration:g} s, {loop.pacing}, seed {loop.seed}, in {out}", flush=True)
+    code = _run(arguments, files, out)
+    return _finish(bag, out, code, report=not arguments.no_report)
+
+
+def _load(arguments: argparse.Namespace) -> Checked:
+    given = {"pacing": arguments.pacing, "duration": arguments.duration, "seed": arguments.seed}
+    overrides = {key: value for key, value in given.items() if value is not None}
+    return scenario.load(arguments.scenario, overrides)
+
+
+def _make_folder(given: Path | None, name: str) -> Path:
+    out = given or Path.cwd() / "runs" / f"{name}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ScenarioError(f"--out {out}: cannot be made: {error.strerror}") from error
+    if (out / "bag").exists():
+        raise ScenarioError(f"--out {out}: holds a bag already, and no bag is ever overwritten; name another folder")
+    return out.resolve()
+
+
+def _write_parameters(out: Path, bag: Path, checked: Checked) -> list[Path]:
+    """The scenario as it was used, and beside it what belongs to this run alone."""
+    run: dict[str, dict[str, Any]] = {
+        "/**/task_sim": {
+            "scenario": checked.scenario.name,
+            "configuration_hash": checked.digest(),
+            "required_nodes": ["user_sim", "mig_filter", "admittance_sim", "recorder"],
+            "ready_timeout": _READY_LIMIT,
+        },
+        "/**/recorder": {"uri": str(bag), "attachments": [str(out / "scenario.yaml")]},
+    }
+    texts = {"scenario.yaml": checked.text(), "run.yaml": scenario.parameter_file(run)}
+    for name, text in texts.items():
+        (out / name).write_text(text)
+    return [out / name for name in texts]
+
+
+def _command(compose: bool, files: list[Path], namespace: str) -> list[str]:
+    if not compose:
+        script = Path(os.environ["RIG_ROOT"]) / "ros2_ws" / "scripts" / "start_graph.sh"
+        return [str(script), *map(str, files)]
+    parameters = [part for file in files for part in ("--params-file", str(file))]
+    return ["ros2", "run", "rig_bringup", "compose", "--ros-args", "-r", f"__ns:=/{namespace}", *parameters]
+
+
+def _run(arguments: argparse.Namespace, files: list[Path], out: Path) -> int:
+    environment = {"RIG_NAMESPACE": arguments.namespace}
+    command = _command(arguments.compose, files, arguments.namespace)
+    try:
+        with GraphProcess(command, out / "graph.log", environment) as graph:
+            return _watch(graph, arguments.namespace)
+    except KeyboardInterrupt:
+        _line_end()
+        print("interrupted: the graph has ended and the bag is closed", file=sys.stderr)
+        return 130
+
+
+def _watch(graph: GraphProcess, namespace: str) -> int:
+    # Imported while the nodes start: it takes about as long as they do.
+    from mig_interfaces.msg import TrialState
+
+    from rig_bringup.monitor import Monitor
+
+    line = _Line()
+    with Monitor(namespace) as monitor:
+        while not monitor.over:
+            if graph.exit_code is not None:
+                _line_end()
+                print(f"error: the graph ended before the trial did; it said:\n{graph.last_words()}", file=sys.stderr)
+                return 1
+            monitor.wait(0.1)
+            line.show(monitor.progress())
+        limit = time.monotonic() + _CLOSE_LIMIT
+        while not monitor.bag_closed and graph.exit_code is None and time.monotonic() < limit:
+            monitor.wait(0.1)
+        line.show(monitor.progress(), last=True)
+        trial, speed = monitor.trial, monitor.speed()
+        assert trial is not None
+        if speed is not None and trial.pacing == TrialState.PACING_LOCKSTEP:
+            print(f"lockstep: {speed:.1f} x real time")
+        if trial.phase == TrialState.PHASE_ABORTED:
+            print(f"error: the trial was aborted: {trial.message}", file=sys.stderr)
+            return 1
+        if not monitor.bag_closed:
+            print(f"error: the recorder has not closed the bag within {_CLOSE_LIMIT:.0f} s", file=sys.stderr)
+            return 1
+    return 0
+
+
+def _finish(bag: Path, out: Path, code: int, *, report: bool) -> int:
+    if not (bag / "metadata.yaml").exists():
+        if code != 130:
+            print(f"no bag was written; the graph's output is in {out / 'graph.log'}", file=sys.stderr)
+        return code or 1
+    from rig_study.trial_report import summarize, write_report
+
+    print(f"\nbag     {bag}")
+    try:
+        print(summarize(bag))
+        if report:
+            print(f"report  {write_report(bag, out / 'report.html')}")
+    except ValueError as error:
+        # A trial that was interrupted before its first tick has nothing to report.
+        print(f"note: no report: {error}", file=sys.stderr)
+    return code
+
+
+class _Line:
+    """A progress line: rewritten in place on a terminal, a line every five seconds elsewhere."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stderr.isatty()
+        self._next = 0.0
+        self._last = ""
+
+    def show(self, text: str, *, last: bool = False) -> None:
+        now = time.monotonic()
+        if text == self._last and not last or now < self._next and not last:
+            return
+        self._last = text
+        self._next = now + (0.1 if self._terminal else 5.0)
+        ends = ("\r\033[K", "\n" if last else "") if self._terminal else ("", "\n")
+        print(f"{ends[0]}{text}", end=ends[1], file=sys.stderr, flush=True)
+
+
+def _line_end() -> None:
+    if sys.stderr.isatty():
+        print(file=sys.stderr)

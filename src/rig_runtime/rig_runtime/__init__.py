@@ -1,0 +1,1 @@
+"""What every node of the rig shares: parameters, topics, ticks, readiness, pacing, diagnostics and `run`."""

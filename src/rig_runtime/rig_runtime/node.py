@@ -1,0 +1,189 @@
+"""The base of every node of the rig: parameters, the loop's endpoints, arming for a trial, reports and diagnostics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from mig_interfaces.msg import NodeReport, TrialState
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from rig_runtime import topics
+from rig_runtime.parameters import NodeParameters
+from rig_runtime.realtime import collect_garbage
+from rig_runtime.ticks import NANOSECONDS, TickClock, from_stamp
+from rig_runtime.topics import Topic
+
+#: [s] How often matched endpoints are looked at while a trial is being armed.
+_REPORT_PERIOD = 0.05
+
+#: Reports are repeated at this many periods, so that the pacemaker can tell a silent node from a finished one.
+_REPEAT_EVERY = 10
+
+
+class RigNode(Node):
+    """A node of the loop.
+
+    A subclass declares its parameters by naming configuration dataclasses, opens its endpoints with
+    :meth:`loop_publisher` and :meth:`loop_subscription`, and overrides :meth:`prepare`, :meth:`arm`, :meth:`diagnose`
+    and :meth:`finish` as it needs. Keyword arguments go to :class:`rclpy.node.Node`.
+    """
+
+    def __init__(self, name: str, *configurations: type, follows_trial: bool = True, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.parameters = NodeParameters(self, *configurations)
+        #: A live clock that does not stop or jump with ROS time: watchdogs must fire whatever that does.
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.ticks_done = 0
+        self.armed_uid = 0
+        self.trial = TrialState()
+        #: The trial's ticks; None until its t_0 is known.
+        self.clock: TickClock | None = None
+        self.exit_code = 0
+        self._publishers_of_loop: dict[str, Publisher[Any]] = {}
+        self._subscriptions_of_loop: dict[str, Subscription[Any]] = {}
+        self._on_stop: Callable[[], None] | None = None
+        self._sample = 1
+        self._last_report: NodeReport | None = None
+        self._periods = 0
+        self._report_publisher = self.create_publisher(
+            NodeReport, topics.NODE_REPORT.name, topics.NODE_REPORT.qos
+        )
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+        if follows_trial:
+            self.create_subscription(
+                TrialState, topics.TRIAL_STATE.name, self._follow_trial, topics.TRIAL_STATE.qos
+            )
+        self.create_timer(_REPORT_PERIOD, self._report_timer, clock=self.steady)
+        self.create_timer(1.0, self.publish_diagnostics, clock=self.steady)
+
+    # -- for subclasses ------------------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Do what takes long (compile, load) before the first tick. Called once, before the node is spun."""
+
+    def arm(self, trial: TrialState) -> None:
+        """Return to the initial state for a trial."""
+
+    def trial_ended(self, trial: TrialState) -> None:
+        """The trial that this node was armed for has finished or was aborted."""
+
+    def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
+        """Level, one sentence and values for `/diagnostics`."""
+        return DiagnosticStatus.OK, "running", {}
+
+    def finish(self) -> None:
+        """Called once, between two callbacks, before the node is destroyed."""
+
+    # -- endpoints -----------------------------------------------------------------------------------------------
+
+    def loop_publisher(self, topic: Topic) -> Publisher[Any]:
+        """Open a publisher that the readiness proof covers."""
+        publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        self._publishers_of_loop[publisher.topic_name] = publisher
+        return publisher
+
+    def loop_subscription(
+        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> Subscription[Any]:
+        """Open a subscription that the readiness proof covers."""
+        subscription = self.create_subscription(topic.type, topic.name, callback, topic.qos, raw=raw)
+        self.cover_subscription(subscription)
+        return subscription
+
+    def cover_subscription(self, subscription: Subscription[Any]) -> None:
+        """Let the readiness proof cover a subscription that was opened otherwise."""
+        self._subscriptions_of_loop[subscription.topic_name] = subscription
+
+    # -- the end -------------------------------------------------------------------------------------------------
+
+    def on_stop(self, callback: Callable[[], None]) -> None:
+        """Whom :meth:`stop` tells that the node is done; set by `rig_runtime.run`."""
+        self._on_stop = callback
+
+    def stop(self, exit_code: int = 0) -> None:
+        """Ask whoever spins this node to end."""
+        self.exit_code = max(self.exit_code, exit_code)
+        if self._on_stop is not None:
+            self._on_stop()
+
+    # -- trials --------------------------------------------------------------------------------------------------
+
+    def _follow_trial(self, trial: TrialState) -> None:
+        was = self.trial
+        self.trial = trial
+        if trial.phase in (TrialState.PHASE_ARMING, TrialState.PHASE_RUNNING) and trial.uid != self.armed_uid:
+            # RUNNING with another uid: this node was started again in the middle of a trial.
+            self.take_trial(trial)
+        if trial.phase == TrialState.PHASE_RUNNING:
+            self.clock = TickClock(from_stamp(trial.epoch), self._sample)
+        elif trial.uid == self.armed_uid and trial.phase >= TrialState.PHASE_FINISHED > was.phase:
+            self.trial_ended(trial)
+
+    def take_trial(self, trial: TrialState) -> None:
+        """Reset for a trial and report it."""
+        self.trial = trial
+        self._sample = trial.sample_time.sec * NANOSECONDS + trial.sample_time.nanosec
+        self.clock = None
+        self.ticks_done = 0
+        collect_garbage()
+        self.arm(trial)
+        self.armed_uid = trial.uid
+        self._report()
+
+    def tick_of(self, stamp: int) -> int | None:
+        """The tick that a stamp [ns] belongs to, None if it is none of this trial's."""
+        if self.clock is None:
+            # The first message of a trial may overtake the announcement of its t_0 on the other topic; it is tick 0.
+            self.clock = TickClock(stamp, self._sample)
+        return self.clock.tick(stamp)
+
+    # -- reports -------------------------------------------------------------------------------------------------
+
+    def make_report(self) -> NodeReport:
+        """What this node has matched at this moment."""
+        report = NodeReport(
+            node=self.get_fully_qualified_name(), armed_uid=self.armed_uid, ticks_done=self.ticks_done
+        )
+        report.publishes = list(self._publishers_of_loop)
+        report.matched_subscriptions = [p.get_subscription_count() for p in self._publishers_of_loop.values()]
+        report.subscribes = list(self._subscriptions_of_loop)
+        report.matched_publishers = [s.get_publisher_count() for s in self._subscriptions_of_loop.values()]
+        return report
+
+    def _report_timer(self) -> None:
+        self._periods += 1
+        repeat = self._periods % _REPEAT_EVERY == 0
+        # Nothing changes while ticks flow, and counting takes time from them.
+        if repeat or self.trial.phase == TrialState.PHASE_ARMING:
+            self._report(force=repeat)
+
+    def _report(self, force: bool = True) -> None:
+        report = self.make_report()
+        if not force and self._last_report == report:
+            return
+        self._last_report = self.make_report()
+        now = time.time_ns()
+        report.stamp.sec, report.stamp.nanosec = divmod(now, 1_000_000_000)
+        self._report_publisher.publish(report)
+
+    def publish_diagnostics(self) -> None:
+        """Publish what :meth:`diagnose` says; a timer does it once a second."""
+        level, message, values = self.diagnose()
+        status = DiagnosticStatus(
+            level=level,
+            name=self.get_fully_qualified_name(),
+            message=message,
+            hardware_id="rig",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_publisher.publish(array)

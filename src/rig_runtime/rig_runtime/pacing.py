@@ -1,0 +1,83 @@
+"""When tick k+1 follows tick k, and on which motion. Neither ROS nor a clock in here: time comes in as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Advance(Enum):
+    """On what the task goes on to the next tick."""
+
+    MOTION = "motion"  # the loop has closed: on the motion that came back
+    HOLD = "hold"  # the motion is late: on the last one
+    COAST = "coast"  # nothing came for command_timeout: on zero force
+
+
+@dataclass
+class Pacemaker:
+    """Realtime: tick k+1 when its time has come. Lockstep: as soon as the loop and the recorder allow it.
+
+    Parameters
+    ----------
+    realtime: whether wall time decides; otherwise the loop does.
+    sample: t_s [ns].
+    command_timeout: [ns] after this much silence the held motion gives way to zero force.
+    recorder_window: [ticks] how far lockstep may run ahead of the recorder; 0 if there is none to wait for.
+    """
+
+    realtime: bool
+    sample: int
+    command_timeout: int
+    recorder_window: int = 0
+
+    tick: int = 0
+    missed: int = 0
+    late: int = 0
+    _start: int = 0
+    _closed: bool = False
+    _silent: int = 0
+    _recorded: int = -1
+
+    def start(self, now: int) -> None:
+        """Tick 0 is published at `now` [ns, steady clock]."""
+        self.tick = self.missed = self.late = self._silent = 0
+        self._start = now
+        self._closed = False
+        self._recorded = -1
+
+    def due(self) -> int:
+        """When the next tick is due in real time [ns, steady clock]."""
+        return self._start + (self.tick + 1) * self.sample
+
+    def close(self, tick: int) -> bool:
+        """The motion of `tick` has come back; False if it is of no use any more, which is counted."""
+        if tick != self.tick or self._closed:
+            self.late += 1
+            return False
+        self._closed = True
+        return True
+
+    def recorded(self, tick: int) -> None:
+        """The recorder has every message up to `tick`."""
+        self._recorded = max(self._recorded, tick)
+
+    def waits_for(self) -> str:
+        """What lockstep waits for: `loop` or `recorder`."""
+        return "recorder" if self._closed else "loop"
+
+    def advance(self, now: int) -> Advance | None:
+        """Go on to the next tick if it may come now, and say on what; None if it may not."""
+        if self.realtime:
+            if now < self.due():
+                return None
+        elif not self._closed or (self.recorder_window and self.tick - self._recorded > self.recorder_window):
+            return None
+        self.tick += 1
+        if self._closed:
+            self._closed = False
+            self._silent = 0
+            return Advance.MOTION
+        self.missed += 1
+        self._silent += 1
+        return Advance.COAST if self._silent * self.sample >= self.command_timeout else Advance.HOLD

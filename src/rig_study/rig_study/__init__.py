@@ -1,0 +1,1 @@
+"""Offline analysis of recorded trials: measures, figures and the report."""

@@ -1,0 +1,165 @@
+"""Figures of a recorded trial, as SVG text. Colours of Okabe and Ito, which the colour-blind can tell apart."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from rig_study.recorded import VERDICTS, RecordedTrial
+
+_VERDICT_COLOURS = ("#009E73", "#D55E00", "#0072B2")
+_SUCCESS = "#B8E2C8"
+_LINES = ("#222222", "#0072B2", "#D55E00", "#CC79A7", "#009E73")
+_WIDTH = 11.0
+
+
+def _axes(count: int, height: float) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(_WIDTH, height * count), layout="constrained")
+    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    for ax in axes:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(alpha=0.25)
+    return figure, list(axes)
+
+
+def _svg(figure: Figure) -> str:
+    out = io.StringIO()
+    # Text stays text, so that it can be searched; no date, so that the same trial gives the same page.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rig"}):
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    text = out.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _label(ax: Axes, name: str, unit: str) -> None:
+    ax.set_ylabel(f"{name}\n[{unit}]" if unit else name)
+
+
+def _unwrapped_to_turn(values: np.ndarray) -> np.ndarray:
+    return np.arctan2(np.sin(values), np.cos(values))
+
+
+def _spans(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def states(trial: RecordedTrial) -> str:
+    """Each state over time; angles wrapped to (-pi, pi]; the success region marked."""
+    names: Sequence[str] = trial.trial.state_names
+    units: Sequence[str] = trial.trial.state_units
+    figure, axes = _axes(len(names), 1.5)
+    box = _success_box(trial.trial.task)
+    for index, (ax, name, unit) in enumerate(zip(axes, names, units, strict=True)):
+        values = trial.states[:, index]
+        if unit == "rad":
+            values = _unwrapped_to_turn(values)
+            # A line across the page at each turn would hide the motion.
+            values = np.where(np.abs(np.diff(values, prepend=values[0])) > np.pi, np.nan, values)
+        for first, last in _spans(trial.in_success_region):
+            ax.axvspan(trial.time[first], trial.time[last - 1] + trial.sample_time, color=_SUCCESS, lw=0)
+        if index in box:
+            ax.axhspan(-box[index], box[index], facecolor="none", edgecolor="#009E73", ls="--", lw=1)
+        ax.plot(trial.time, values, color=_LINES[0], lw=1)
+        _label(ax, name, unit)
+    axes[-1].set_xlabel("trial time [s]")
+    figure.legend(
+        handles=[
+            Patch(color=_SUCCESS, label="in the success region"),
+            Patch(facecolor="none", edgecolor="#009E73", ls="--", label="success box"),
+        ],
+        loc="outside upper right",
+        ncols=2,
+        frameon=False,
+    )
+    return _svg(figure)
+
+
+def _success_box(task: str) -> dict[int, float]:
+    """Half width of the success box for each state that it bounds."""
+    if task != "cart_pendulum":
+        return {}
+    from shared_control.tasks.cart_pendulum import CartPendulum
+
+    return {0: CartPendulum.success_angle, 1: CartPendulum.success_rate}
+
+
+def controls(trial: RecordedTrial, window: float | None = None) -> str:
+    """User's and applied control over time with the verdicts behind; the first `window` seconds if it is given."""
+    until = len(trial.time) if window is None else min(len(trial.time), round(window / trial.sample_time))
+    names: Sequence[str] = trial.trial.control_names
+    units: Sequence[str] = trial.trial.control_units
+    figure, axes = _axes(len(names), 2.6)
+    time, verdict = trial.time[:until], trial.verdict[:until]
+    for index, (ax, name, unit) in enumerate(zip(axes, names, units, strict=True)):
+        user, applied = trial.user_control[:until, index], trial.applied_control[:until, index]
+        _shade(ax, time, verdict, trial.sample_time)
+        ax.step(time, user, where="post", color="#888888", lw=0.8 if window else 0.4, label="user")
+        ax.step(time, applied, where="post", color=_LINES[0], lw=1.4 if window else 0.6, label="applied")
+        _label(ax, name, unit)
+    axes[-1].set_xlabel("trial time [s]")
+    lines, labels = axes[0].get_legend_handles_labels()
+    patches: list[Any] = [
+        Patch(color=colour, alpha=0.35, label=name) for name, colour in zip(VERDICTS, _VERDICT_COLOURS, strict=True)
+    ]
+    figure.legend(
+        handles=[*lines, *patches], labels=[*labels, *VERDICTS], loc="outside upper right", ncols=5, frameon=False
+    )
+    return _svg(figure)
+
+
+def _shade(ax: Axes, time: np.ndarray, verdict: np.ndarray, sample: float) -> None:
+    # One picture instead of thousands of rectangles.
+    ax.imshow(
+        verdict[np.newaxis, :],
+        extent=(time[0], time[-1] + sample, 0.0, 1.0),
+        transform=ax.get_xaxis_transform(),
+        aspect="auto",
+        cmap=ListedColormap(_VERDICT_COLOURS),
+        vmin=0,
+        vmax=2,
+        alpha=0.35,
+        interpolation="nearest",
+        zorder=0,
+    )
+
+
+def criterion(trial: RecordedTrial) -> str:
+    """The integral of the mode insertion gradient, by verdict, on a scale that is linear around zero."""
+    figure, (ax,) = _axes(1, 2.6)
+    for number, (name, colour) in enumerate(zip(VERDICTS, _VERDICT_COLOURS, strict=True)):
+        chosen = trial.verdict == number
+        ax.plot(trial.time[chosen], trial.criterion[chosen], ".", ms=2, color=colour, label=name)
+    finite = np.abs(trial.criterion[np.isfinite(trial.criterion)])
+    ax.set_yscale("symlog", linthresh=float(np.median(finite)) if finite.size and np.median(finite) > 0 else 1.0)
+    ax.axhline(0.0, color=_LINES[0], lw=0.8)
+    ax.set_xlabel("trial time [s]")
+    _label(ax, "criterion", "unit of the cost")
+    figure.legend(loc="outside upper right", ncols=3, frameon=False, markerscale=5)
+    return _svg(figure)
+
+
+def timing(trial: RecordedTrial) -> str:
+    """Time from tick to tick, from state to decision, and in the decision itself; late ticks marked."""
+    figure, axes = _axes(3, 1.6)
+    axes[0].plot(trial.time[1:], np.diff(trial.received) * 1e-6, lw=0.5, color=_LINES[0])
+    _label(axes[0], "tick interval", "ms")
+    for tick in np.flatnonzero(trial.held):
+        axes[0].axvline(trial.time[tick], color=_VERDICT_COLOURS[1], lw=0.8)
+    for ax, values, name in (
+        (axes[1], trial.state_age, "state to decision"),
+        (axes[2], trial.compute_time, "decision"),
+    ):
+        ax.plot(trial.time, values * 1e6, ".", ms=1.5, color=_LINES[1])
+        ax.set_yscale("log")
+        _label(ax, name, "us")
+    axes[-1].set_xlabel("trial time [s]")
+    return _svg(figure)

@@ -1,0 +1,121 @@
+"""A recorded trial as arrays, one row for each tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import rig_bag
+
+Array = npt.NDArray[Any]
+
+VERDICTS = ("accepted", "rejected", "replaced")
+PACINGS = ("realtime", "lockstep")
+MODES = ("off", "training", "assistance")
+PHASES = ("idle", "arming", "running", "finished", "aborted")
+
+
+class TrialError(ValueError):
+    """A bag holds no trial that can be analysed; the message says what is missing."""
+
+
+@dataclass(frozen=True)
+class RecordedTrial:
+    """N ticks, joined by tick number; axis 0 of every array is the tick.
+
+    Attributes
+    ----------
+    trial: the last TrialState (names and units of states and controls, seed, subject, ...).
+    time: (N,) [s]. states: (N, n). user_control, applied_control: (N, m). verdict, reason, mode: (N,).
+    criterion: (N,), NaN where it was not evaluated. compute_time: (N,) [s], zero in lockstep.
+    in_success_region: (N,) bool. held: (N,) bool. received: (N,) [ns] when the recorder got the decision.
+    """
+
+    bag: Path
+    trial: Any
+    time: Array
+    states: Array
+    in_success_region: Array
+    held: Array
+    user_control: Array
+    applied_control: Array
+    verdict: Array
+    reason: Array
+    mode: Array
+    criterion: Array
+    compute_time: Array
+    state_age: Array
+    received: Array
+    ticks_recorded: int
+    decisions_recorded: int
+
+    @property
+    def realtime(self) -> bool:
+        """Whether wall time paced the trial."""
+        return PACINGS[self.trial.pacing] == "realtime"
+
+    @property
+    def sample_time(self) -> float:
+        """t_s [s]."""
+        # Durations are read as whole nanoseconds.
+        return float(self.trial.sample_time) * 1e-9
+
+    def shares(self) -> dict[str, float]:
+        """Share of each verdict among the decisions."""
+        return {name: float(np.mean(self.verdict == k)) for k, name in enumerate(VERDICTS)}
+
+
+def load(bag: str | Path) -> RecordedTrial:
+    """Read a recorded trial.
+
+    Raises
+    ------
+    TrialError: no tick was recorded, or a topic of the loop is missing.
+    BagError: the bag cannot be read.
+    """
+    topics = rig_bag.read(bag)
+    state, decision = _only(topics, "task/state", bag), _only(topics, "mig_filter/decision", bag)
+    trial = _only(topics, "trial/state", bag)
+    last = _row(trial, -1)
+    if not len(state) or not len(decision):
+        raise TrialError(f"{bag} holds no tick; the trial was {PHASES[last.phase]}: {last.message}")
+    ticks, left, right = np.intersect1d(state["tick"], decision["tick"], return_indices=True)
+    state, joined = state[left], decision[right]
+    return RecordedTrial(
+        bag=Path(bag),
+        trial=last,
+        time=state["time"],
+        states=state["state"],
+        in_success_region=state["in_success_region"].astype(bool),
+        held=state["held"].astype(bool),
+        user_control=joined["user_control"],
+        applied_control=joined["applied_control"],
+        verdict=joined["verdict"],
+        reason=joined["reason"],
+        mode=joined["mode"],
+        criterion=joined["criterion"],
+        compute_time=joined["compute_time"],
+        state_age=joined["state_age"],
+        received=joined["log_time"],
+        ticks_recorded=len(left) if len(ticks) else 0,
+        decisions_recorded=len(decision),
+    )
+
+
+def _only(topics: dict[str, Any], name: str, bag: str | Path) -> Any:
+    found = [topic for topic in topics if topic.endswith(f"/{name}")]
+    if len(found) != 1:
+        there = ", ".join(topics) or "none"
+        raise TrialError(f"{bag} has {len(found)} topics {name}; a trial has one. It has: {there}")
+    return topics[found[0]]
+
+
+def _row(table: Any, index: int) -> Any:
+    """One message, whether the reader found a common layout or not."""
+    if isinstance(table, list):
+        return table[index]
+    row = table[index]
+    return type("Row", (), {name: row[name] for name in table.dtype.names})

@@ -1,0 +1,134 @@
+"""The report of one recorded trial: a table for the terminal, and one self-contained HTML page with figures."""
+
+from __future__ import annotations
+
+import html
+import math
+from pathlib import Path
+
+import numpy as np
+from shared_control import measures
+
+from rig_study.recorded import MODES, PACINGS, PHASES, RecordedTrial, load
+
+_PAGE = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title>
+<style>
+ body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #222;
+        background: #fff }}
+ h1 {{ font-size: 1.6rem; margin-bottom: 0 }} h2 {{ font-size: 1.15rem; margin-top: 2rem }}
+ table {{ border-collapse: collapse; margin: 1rem 0 }} td {{ padding: .2rem 1.5rem .2rem 0; vertical-align: top }}
+ td:first-child {{ color: #666 }} figure {{ margin: 0 }} svg {{ width: 100%; height: auto }}
+ code {{ overflow-wrap: anywhere }} .columns {{ display: flex; flex-wrap: wrap; gap: 0 4rem }}
+</style>
+<h1>{title}</h1><p>{lead}</p>
+<div class="columns">{tables}</div>
+{figures}
+</html>
+"""
+
+
+def rows(trial: RecordedTrial) -> dict[str, dict[str, str]]:
+    """What the tables show, group by group."""
+    state = trial.trial
+    shares = trial.shares()
+    about = {
+        "task": state.task,
+        "scenario": state.scenario or "-",
+        "seed": str(state.seed),
+        "filter": " then ".join(dict.fromkeys(MODES[mode] for mode in trial.mode)),
+        "pacing": PACINGS[state.pacing],
+        "ended": f"{PHASES[state.phase]}: {state.message}",
+    }
+    if state.subject:
+        about["subject"] = f"{state.subject}, group {state.group}, set {state.set}, trial {state.trial}"
+    filtered = {name: f"{100 * share:.1f} %" for name, share in shares.items()}
+    timing = {
+        "ticks, decisions": f"{trial.ticks_recorded}, {trial.decisions_recorded} of {state.ticks_planned}",
+        "missed deadlines": str(state.missed_deadlines),
+    }
+    if trial.realtime:
+        timing |= {
+            "decision, p50 / p99": _percentiles(trial.compute_time * 1e6, "us"),
+            "state to decision, p50 / p99": _percentiles(trial.state_age * 1e6, "us"),
+            "tick interval, p1 / p99": _percentiles(np.diff(trial.received) * 1e-6, "ms", (1, 99)),
+        }
+    return {"Trial": about, "Task": _measures(trial), "Filter": filtered, "Loop": timing}
+
+
+def _percentiles(values: np.ndarray, unit: str, which: tuple[int, int] = (50, 99)) -> str:
+    if not len(values):
+        return "-"
+    low, high = np.percentile(values, which)
+    return f"{low:.3g} / {high:.3g} {unit}"
+
+
+def _measures(trial: RecordedTrial) -> dict[str, str]:
+    if trial.trial.task != "cart_pendulum":
+        return {"in success region": f"{100 * float(np.mean(trial.in_success_region)):.1f} % of the time"}
+    acted = np.any(trial.user_control != 0.0, axis=1)
+    found = measures.cart_pendulum(
+        trial.states, trial.sample_time, action=acted[:-1], intervened=trial.verdict[:-1] != 0
+    )
+    return {
+        "success": "yes" if found.success else "no",
+        "time to success": f"{found.time_to_success:.2f} s",
+        "balance time": f"{found.balance_time:.2f} s",
+        "RMS error (1: hanging)": f"{found.rms_error:.3f}",
+        "rejected to success": "-" if math.isnan(found.pra) else f"{100 * found.pra:.1f} %",
+        "cart excursion": f"{found.cart_excursion:.2f} m",
+    }
+
+
+def summarize(bag: str | Path) -> str:
+    """The tables as text.
+
+    Raises
+    ------
+    TrialError, BagError: as :func:`rig_study.recorded.load`.
+    """
+    lines = []
+    for group, values in rows(load(bag)).items():
+        lines.append(f"{group.lower():8}" + "".join(f"{key}: {value}; " for key, value in values.items()).rstrip("; "))
+    return "\n".join(lines)
+
+
+def write_report(bag: str | Path, path: Path) -> Path:
+    """Write the HTML report of a bag; return where it is.
+
+    Raises
+    ------
+    TrialError, BagError: as :func:`rig_study.recorded.load`.
+    """
+    from rig_study import figures
+
+    trial = load(bag)
+    drawn = [
+        ("State", "Green: inside the success region.", figures.states(trial)),
+        ("Control", "Background: the verdict of each tick.", figures.controls(trial)),
+        ("Control, two seconds of it", "", figures.controls(trial, window=2.0)),
+        ("Criterion", "An action is accepted where it is at or below the threshold.", figures.criterion(trial)),
+    ]
+    if trial.realtime:
+        drawn.append(("Timing", "Wall time, as recorded with each decision.", figures.timing(trial)))
+    path.write_text(
+        _PAGE.format(
+            title=html.escape(f"Trial: {trial.trial.scenario or trial.trial.task}"),
+            lead=f"Recorded in <code>{html.escape(str(trial.bag))}</code>",
+            tables="".join(_table(group, values) for group, values in rows(trial).items()),
+            figures="".join(_figure(*item) for item in drawn),
+        ),
+        encoding="utf-8",
+    )
+    return path
+
+
+def _table(title: str, values: dict[str, str]) -> str:
+    cells = "".join(f"<tr><td>{html.escape(key)}<td>{html.escape(value)}" for key, value in values.items())
+    return f"<section><h2>{title}</h2><table>{cells}</table></section>"
+
+
+def _figure(title: str, caption: str, svg: str) -> str:
+    return f"<h2>{title}</h2><figure>{svg}<figcaption>{caption}</figcaption></figure>"
+

@@ -1,0 +1,284 @@
+"""Kernels of the box-constrained iterative linear-quadratic regulator; see :mod:`shared_control.controllers.ilqr`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from shared_control.dispatch import effort, jit, linearise, running, running_gradient, terminal, terminal_gradient
+from shared_control.integrate import step, step_linearised, step_pullback
+from shared_control.tasks.task import Array
+from shared_control.tuples import Vector, axpy, take, unit
+
+__all__ = ["search"]
+
+#: Levenberg term: where it begins after a failed step, by how much it grows, where the search gives up.
+DAMPING_FIRST = 1e-3
+DAMPING_GROWTH = 10.0
+DAMPING_LAST = 1e6
+#: Least curvature of the control's quadratic model, for weights R = 0.
+CURVATURE_LEAST = 1e-9
+#: Step lengths 1, 1/2, 1/4, ...
+HALVINGS = 6
+#: A step counts if it gains at least this share of what the quadratic model promised.
+GAIN_LEAST = 1e-4
+#: Sweeps of the coordinate search for the box-constrained control; one is exact for a single input.
+SWEEPS = 20
+
+
+@jit
+def _rollout(p: Any, c: Any, x0: Vector, us: Array, h: float, xs: Array) -> float:
+    """J of a schedule (N, m) from x0; the trajectory goes to xs."""
+    like_u = c.control_weights
+    n = len(x0)
+    steps = us.shape[0]
+    x = x0
+    total = 0.0
+    for k in range(steps):
+        for i in range(n):
+            xs[k, i] = x[i]
+        u = take(like_u, us[k], 0)
+        total += h * ((0.5 if k == 0 else 1.0) * running(c, x) + effort(c, u))
+        x = step(p, x, u, h)
+    for i in range(n):
+        xs[steps, i] = x[i]
+    return total + 0.5 * h * running(c, x) + terminal(c, x)
+
+
+@jit
+def _rollout_feedback(
+    p: Any, c: Any, us: Array, xs: Array, ks: Array, gains: Array, alpha: float, limits: Array, h: float,
+    us_new: Array, xs_new: Array,
+) -> float:  # fmt: skip
+    """J of clip(u + alpha k + K (x_new - x)); schedule and trajectory go to us_new, xs_new."""
+    like_u = c.control_weights
+    n, m = len(c.target), len(like_u)
+    steps = us.shape[0]
+    x = take(c.target, xs[0], 0)
+    total = 0.0
+    for k in range(steps):
+        for i in range(n):
+            xs_new[k, i] = x[i]
+        for j in range(m):
+            u_j = us[k, j] + alpha * ks[k, j]
+            for i in range(n):
+                u_j += gains[k, j, i] * (x[i] - xs[k, i])
+            us_new[k, j] = min(max(u_j, -limits[j]), limits[j])
+        u = take(like_u, us_new[k], 0)
+        total += h * ((0.5 if k == 0 else 1.0) * running(c, x) + effort(c, u))
+        x = step(p, x, u, h)
+    for i in range(n):
+        xs_new[steps, i] = x[i]
+    return total + 0.5 * h * running(c, x) + terminal(c, x)
+
+
+@jit
+def _box_step(quu: Array, qu: Array, low: Array, high: Array, du: Array, free: Any) -> None:
+    """du = argmin 1/2 du^T Quu du + qu^T du within [low, high], by cyclic coordinate search; which of it is free."""
+    m = len(du)
+    for j in range(m):
+        du[j] = min(max(0.0, low[j]), high[j])
+    for _ in range(1 if m == 1 else SWEEPS):
+        for j in range(m):
+            slope = qu[j]
+            for i in range(m):
+                slope += quu[j, i] * du[i]
+            du[j] = min(max(du[j] - slope / quu[j, j], low[j]), high[j])
+    for j in range(m):
+        slope = qu[j]
+        for i in range(m):
+            slope += quu[j, i] * du[i]
+        free[j] = not ((du[j] <= low[j] and slope > 0.0) or (du[j] >= high[j] and slope < 0.0))
+
+
+@jit
+def _solve_free(quu: Array, free: Any, factor: Array, rhs: Array) -> None:
+    """rhs <- -Quu_ff^-1 rhs on the free inputs, zero on the clamped ones; by Gauss-Jordan, Quu is positive definite."""
+    m = len(free)
+    for i in range(m):
+        for j in range(m):
+            both = free[i] and free[j]
+            factor[i, j] = quu[i, j] if both else (1.0 if i == j else 0.0)
+    columns = rhs.shape[1]
+    for i in range(m):
+        if not free[i]:
+            for q in range(columns):
+                rhs[i, q] = 0.0
+    for i in range(m):
+        pivot = 1.0 / factor[i, i]
+        for j in range(m):
+            if j != i:
+                ratio = factor[j, i] * pivot
+                for q in range(m):
+                    factor[j, q] -= ratio * factor[i, q]
+                for q in range(columns):
+                    rhs[j, q] -= ratio * rhs[i, q]
+    for i in range(m):
+        for q in range(columns):
+            rhs[i, q] = -rhs[i, q] / factor[i, i]
+
+
+@jit
+def _backward(
+    p: Any, c: Any, us: Array, xs: Array, limits: Array, damping: float, h: float,
+    ds: Array, ks: Array, gains: Array,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Riccati sweep along a trajectory: ks, gains; the model's linear and quadratic gain and the largest change asked
+    for.
+    """
+    like_x, like_u = c.target, c.control_weights
+    n, m = len(like_x), len(like_u)
+    steps = us.shape[0]
+    x0 = take(like_x, xs[0], 0)
+    _, like_d = linearise(p, x0, like_u)
+    size = len(like_d)
+    a, b = np.empty((n, n)), np.empty((n, m))
+    vx, vxx = np.empty(n), np.zeros((n, n))
+    va, vb = np.empty((n, n)), np.empty((n, m))
+    qu, quu, qux = np.empty(m), np.empty((m, m)), np.empty((m, n))
+    damped, factor = np.empty((m, m)), np.empty((m, m))
+    low, high, du, free = np.empty(m), np.empty(m), np.empty(m), np.empty(m, np.bool_)
+    x_end = take(like_x, xs[steps], 0)
+    end = axpy(0.5 * h, running_gradient(c, x_end), terminal_gradient(c, x_end))
+    for i in range(n):
+        vx[i] = end[i]
+        vxx[i, i] = 0.5 * h * c.state_weights[i] + c.terminal_weights[i]
+    linear, quadratic, largest = 0.0, 0.0, 0.0
+    for k in range(steps - 1, -1, -1):
+        step_linearised(p, take(like_x, xs[k], 0), take(like_u, us[k], 0), h, ds, 0)
+        d1, d2 = take(like_d, ds, 0), take(like_d, ds, size)
+        d3, d4 = take(like_d, ds, 2 * size), take(like_d, ds, 3 * size)
+        for i in range(n):
+            row, column = step_pullback(p, d1, d2, d3, d4, unit(like_x, i), h)
+            for j in range(n):
+                a[i, j] = row[j]
+            for j in range(m):
+                b[i, j] = column[j]
+        for i in range(n):
+            for j in range(n):
+                total = 0.0
+                for q in range(n):
+                    total += vxx[i, q] * a[q, j]
+                va[i, j] = total
+            for j in range(m):
+                total = 0.0
+                for q in range(n):
+                    total += vxx[i, q] * b[q, j]
+                vb[i, j] = total
+        for j in range(m):
+            total = h * c.control_weights[j] * us[k, j]
+            for q in range(n):
+                total += b[q, j] * vx[q]
+            qu[j] = total
+            for i in range(m):
+                total = h * c.control_weights[j] if i == j else 0.0
+                for q in range(n):
+                    total += b[q, j] * vb[q, i]
+                quu[j, i] = total
+                damped[j, i] = total + (damping + CURVATURE_LEAST if i == j else 0.0)
+            for i in range(n):
+                total = 0.0
+                for q in range(n):
+                    total += b[q, j] * va[q, i]
+                qux[j, i] = total
+            low[j], high[j] = -limits[j] - us[k, j], limits[j] - us[k, j]
+        _box_step(damped, qu, low, high, du, free)
+        for j in range(m):
+            ks[k, j] = du[j]
+            largest = max(largest, abs(du[j]) / limits[j])
+            for i in range(n):
+                gains[k, j, i] = qux[j, i]
+        _solve_free(damped, free, factor, gains[k])
+        # Vx = Qx + K^T (Quu k + Qu) + Qux^T k,  Vxx = Qxx + K^T Quu K + K^T Qux + Qux^T K
+        gradient = running_gradient(c, take(like_x, xs[k], 0))
+        for j in range(m):
+            linear += du[j] * qu[j]
+            slope = 0.0
+            for i in range(m):
+                slope += quu[j, i] * du[i]
+            quadratic += 0.5 * du[j] * slope
+            factor[j, 0] = slope + qu[j]
+        for i in range(n):
+            low_order = h * gradient[i]
+            for q in range(n):
+                low_order += a[q, i] * vx[q]
+            for j in range(m):
+                low_order += gains[k, j, i] * factor[j, 0] + qux[j, i] * du[j]
+            vb[i, 0] = low_order
+        for i in range(n):
+            vx[i] = vb[i, 0]
+            for j in range(i + 1):
+                total = h * c.state_weights[i] if i == j else 0.0
+                for q in range(n):
+                    total += a[q, i] * va[q, j]
+                for q in range(m):
+                    curved = 0.0
+                    for r in range(m):
+                        curved += quu[q, r] * gains[k, r, j]
+                    total += gains[k, q, i] * (curved + qux[q, j]) + qux[q, i] * gains[k, q, j]
+                vxx[i, j] = total
+        for i in range(n):
+            for j in range(i + 1, n):
+                vxx[i, j] = vxx[j, i]
+    return linear, quadratic, largest
+
+
+@jit
+def _copy(source: Array, to: Array) -> None:
+    # Written out: the compiler spends longer on one slice assignment than on all that is here.
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            to[i, j] = source[i, j]
+
+
+@jit
+def search(
+    p: Any, c: Any, x0: Array, us: Array, limits: Array, h: float, iterations: int, tolerance: float,
+    xs: Array, us_new: Array, xs_new: Array, ds: Array, ks: Array, gains: Array,
+) -> tuple[float, int, bool]:  # fmt: skip
+    """Improve the schedule us in place; (J, iterations used, converged). J is not finite if nothing was found."""
+    steps, m = us.shape
+    start = take(c.target, x0, 0)
+    best = _rollout(p, c, start, us, h, xs)
+    # The schedule may have come from another state: where doing nothing is cheaper, begin there.
+    for k in range(steps):
+        for j in range(m):
+            us_new[k, j] = 0.0
+    idle = _rollout(p, c, start, us_new, h, xs_new)
+    if not best <= idle and math.isfinite(idle):
+        best = idle
+        _copy(us_new, us)
+        _copy(xs_new, xs)
+    if not math.isfinite(best):
+        return best, 0, False
+    damping = 0.0
+    for iteration in range(iterations):
+        linear, quadratic, largest = _backward(p, c, us, xs, limits, damping, h, ds, ks, gains)
+        if not (math.isfinite(linear) and math.isfinite(quadratic)):
+            return best, iteration, False
+        if largest < tolerance:
+            return best, iteration, True
+        improved = False
+        alpha = 1.0
+        for _ in range(HALVINGS):
+            promised = -(alpha * linear + alpha * alpha * quadratic)
+            cost = _rollout_feedback(p, c, us, xs, ks, gains, alpha, limits, h, us_new, xs_new)
+            if math.isfinite(cost) and best - cost > GAIN_LEAST * max(promised, 0.0):
+                improved = True
+                break
+            alpha *= 0.5
+        if improved:
+            gain = best - cost
+            best = cost
+            _copy(us_new, us)
+            _copy(xs_new, xs)
+            damping = 0.0 if damping <= DAMPING_FIRST else damping / DAMPING_GROWTH
+            if gain <= tolerance * abs(best):
+                return best, iteration + 1, True
+        else:
+            damping = max(DAMPING_FIRST, damping * DAMPING_GROWTH)
+            if damping > DAMPING_LAST:
+                return best, iteration + 1, False
+    return best, iterations, False

@@ -1,0 +1,163 @@
+"""How kernels reach a task's mathematics: by the type of its NamedTuple of parameters.
+
+A kernel is written once, in terms of :func:`flow`, :func:`linearise`, :func:`pullback` of parameters ``p`` and of the
+cost functions of a cost ``c``. For each type of ``p`` and ``c`` the compiler finds the functions of the same names in
+the module that defines the type, and makes a specialised kernel of them: inlined, cached on disk, and without a line
+per task here. Called from Python, the same names do the same.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.extending import overload
+
+from shared_control import cost, kernels_cache, tuples
+from shared_control.tuples import Vector
+
+__all__ = ["compiled", "effort", "flow", "jit", "linearise", "pullback", "running", "running_gradient", "terminal"]
+__all__ += ["terminal_gradient"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+#: Division as in IEEE 754 (a singular state gives infinity, which is reported) instead of an exception inside a kernel.
+_OPTIONS = {"error_model": "numpy"}
+
+
+def _usable_cache() -> str | None:
+    path = kernels_cache.directory()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return str(path) if os.access(path, os.W_OK) else None
+
+
+_CACHE = _usable_cache()
+
+
+def jit(function: F) -> F:
+    """Compile at the first call for each combination of types, and keep the result on disk where that is possible."""
+    before = numba.config.CACHE_DIR
+    try:
+        numba.config.CACHE_DIR = _CACHE or before
+        return cast(F, numba.njit(cache=_CACHE is not None, **_OPTIONS)(function))
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def compiled(function: Any) -> int:
+    """For how many combinations of types a kernel has been compiled or loaded in this process."""
+    return len(getattr(function, "signatures", ()))
+
+
+def _home(p: Any) -> Any:
+    return sys.modules[type(p).__module__]
+
+
+def flow(p: Any, x: Vector, u: Vector) -> Vector:
+    """f(x, u) of the task with parameters ``p``."""
+    return cast(Vector, _home(p).flow(p, x, u))
+
+
+def linearise(p: Any, x: Vector, u: Vector) -> tuple[Vector, Vector]:
+    """f(x, u) and the partial derivatives ``d`` there."""
+    return cast("tuple[Vector, Vector]", _home(p).linearise(p, x, u))
+
+
+def pullback(p: Any, d: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """(w^T df/dx, w^T df/du)."""
+    return cast("tuple[Vector, Vector]", _home(p).pullback(p, d, w))
+
+
+def running(c: Any, x: Vector) -> float:
+    """State's part of the running cost."""
+    return cast(float, _home(c).running(c, x))
+
+
+def running_gradient(c: Any, x: Vector) -> Vector:
+    """Gradient of :func:`running`."""
+    return cast(Vector, _home(c).running_gradient(c, x))
+
+
+def effort(c: Any, u: Vector) -> float:
+    """Control's part of the running cost."""
+    return cast(float, _home(c).effort(c, u))
+
+
+def terminal(c: Any, x: Vector) -> float:
+    """Terminal cost."""
+    return cast(float, _home(c).terminal(c, x))
+
+
+def terminal_gradient(c: Any, x: Vector) -> Vector:
+    """Gradient of :func:`terminal`."""
+    return cast(Vector, _home(c).terminal_gradient(c, x))
+
+
+def _by_type(stub: Callable[..., Any]) -> Callable[..., Any]:
+    """What the compiler puts in place of ``stub``: the function of that name beside the type of the first argument."""
+    name = stub.__name__
+
+    def find(first: Any) -> Callable[..., Any] | None:
+        if not hasattr(first, "instance_class"):
+            return None
+        return getattr(sys.modules[first.instance_class.__module__], name, None)
+
+    return find
+
+
+#: Not strict: the implementations carry annotations of their own, which are none of the compiler's business.
+_overload = functools.partial(overload, jit_options=_OPTIONS, strict=False)
+
+
+def _register() -> None:
+    def three(find: Callable[[Any], Any]) -> Callable[..., Any]:
+        return lambda p, x, u: find(p)
+
+    def two(find: Callable[[Any], Any]) -> Callable[..., Any]:
+        return lambda c, x: find(c)
+
+    for stub in (flow, linearise, pullback):
+        _overload(stub)(three(_by_type(stub)))
+    for cost_stub in (running, running_gradient, effort, terminal, terminal_gradient):
+        _overload(cost_stub)(two(_by_type(cost_stub)))
+    _overload(cost.wrap)(lambda angle: cost.wrap)
+
+
+_register()
+
+
+def _elementwise(stub: Callable[..., Any], arguments: str, element: str, length_of: str) -> None:
+    """Give the compiler, for each length, ``stub`` written out element by element."""
+
+    def write_out(*types_: Any) -> Any:
+        length = len(types_[arguments.replace(" ", "").split(",").index(length_of)])
+        items = ", ".join(element.format(i=i) for i in range(length))
+        return eval(f"lambda {arguments}: ({items},)", {"wrap": cost.wrap})
+
+    # The compiler wants a function with the stub's own arguments.
+    _overload(stub)(eval(f"lambda {arguments}: write_out({arguments})", {"write_out": write_out}))
+
+
+_elementwise(tuples.axpy, "a, x, y", "y[{i}] + a * x[{i}]", "x")
+_elementwise(tuples.times, "a, b", "a[{i}] * b[{i}]", "a")
+_elementwise(tuples.zeros, "like", "0.0", "like")
+_elementwise(tuples.unit, "like, i", "1.0 if i == {i} else 0.0", "like")
+_elementwise(tuples.take, "like, array, start", "array[start + {i}]", "like")
+_elementwise(
+    cost.errors, "x, target, angles", "wrap(x[{i}] - target[{i}]) if angles[{i}] else x[{i}] - target[{i}]", "x"
+)
+
+
+def _dot(a: Any, b: Any) -> Any:
+    terms = " + ".join(f"a[{i}] * b[{i}]" for i in range(len(a)))
+    return eval(f"lambda a, b: {terms}")
+
+
+_overload(tuples.dot)(_dot)

@@ -1,0 +1,261 @@
+"""The MIG filter: Algorithm 1 of the paper.
+
+A user's control u of the coming sample is judged by its criterion (:mod:`shared_control.mig`):
+
+    accept  iff  criterion <= threshold                (the paper: threshold = 0)
+
+An accepted action passes as it is. A rejected one becomes nothing in training, and in assistance the controller's. An
+action whose every component is at most ``dead_zone`` is no action: there is nothing to judge, and it passes. Whatever
+cannot be judged (a number that is not finite) never passes: the reason is told, and the safe command takes its place
+(zero in training and off; the controller's last valid schedule, then zero, in assistance).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from shared_control import controllers, cost
+from shared_control.parameters import ParameterError, build, parameter
+from shared_control.tasks.task import SAMPLE_TIME, Array, Task
+
+if TYPE_CHECKING:
+    from shared_control.controllers import Controller
+    from shared_control.cost import QuadraticCost
+
+__all__ = ["Decision", "FilterConfig", "MigFilter", "Mode", "Reason", "Verdict", "costs"]
+
+
+class Verdict(enum.IntEnum):
+    """What becomes of the action."""
+
+    ACCEPTED = 0
+    REJECTED = 1
+    REPLACED = 2
+
+
+class Reason(enum.IntEnum):
+    """Why."""
+
+    CRITERION = 0
+    FILTER_OFF = 1
+    NULL_ACTION = 2
+    NON_FINITE_WRENCH = 3
+    NON_FINITE_STATE = 4
+    STALE_WRENCH = 5
+    UNKNOWN_FRAME = 6
+    NOT_CONVERGED = 7
+    NON_FINITE_CRITERION = 8
+
+
+class Mode(enum.IntEnum):
+    """Of the filter."""
+
+    OFF = 0
+    TRAINING = 1
+    ASSISTANCE = 2
+
+    @classmethod
+    def of(cls, mode: str | int) -> Mode:
+        """From its name, in any case, or its number.
+
+        Raises
+        ------
+        ParameterError: no such mode.
+        """
+        try:
+            return cls[mode.upper()] if isinstance(mode, str) else cls(mode)
+        except (KeyError, ValueError):
+            known = ", ".join(item.name.lower() for item in cls)
+            raise ParameterError(f"mode: {mode!r} is not allowed; it must be one of {known}") from None
+
+
+class Decision(NamedTuple):
+    """What the filter decided about one action, and why."""
+
+    verdict: Verdict
+    reason: Reason
+    mode: Mode
+    criterion: float  # [unit of the cost], NaN if not evaluated
+    threshold: float  # [unit of the cost]
+    user_control: Array  # (m,)
+    nominal_control: Array  # (m,) u_1, from which the criterion measures
+    applied_control: Array  # (m,)
+
+
+@dataclasses.dataclass(frozen=True)
+class FilterConfig:
+    """Parameters of the filter and of the controller that it engages. An empty array: the task's own default."""
+
+    mode: str = parameter(
+        "assistance",
+        "What a rejected action becomes: off accepts everything, training gives nothing, assistance the controller's.",
+        choices=("off", "training", "assistance"),
+        live=True,
+    )
+    # The laboratory's 1.0 to 1.2 s inverts this pendulum too, but with its weight on the cart and no terminal cost it
+    # then gives up balance now and again to bring the cart home; from 1.5 s it stays up.
+    horizon: float = parameter(1.5, "T, over which an action is judged.", unit="s", ge=0.001, le=60.0)
+    state_weights: tuple[float, ...] = parameter((), "Diagonal of Q, for each state; empty: the task's.", ge=0.0)
+    control_weights: tuple[float, ...] = parameter((), "Diagonal of R, for each control; empty: the task's.", ge=0.0)
+    terminal_weights: tuple[float, ...] = parameter((), "Diagonal of P, for each state; empty: the task's.", ge=0.0)
+    target: tuple[float, ...] = parameter((), "x_d, the desired state; empty: the task's.")
+    adjoint_along: str = parameter(
+        "nominal",
+        "Trajectory that state and adjoint are taken along: the nominal one (null action) or the user's.",
+        choices=("nominal", "user"),
+    )
+    threshold: float = parameter(0.0, "An action is accepted if its criterion is at most this.", unit="cost", live=True)
+    dead_zone: float = parameter(
+        0.0, "A control of at most this in every component is no action.", unit="of the control", ge=0.0, live=True
+    )
+    controller: str = parameter("ilqr", "Controller of assistance.", choices=("ilqr",))
+    controller_horizon: float = parameter(0.0, "Horizon of the controller; 0: the filter's.", unit="s", ge=0.0, le=60.0)
+    controller_iterations: int = parameter(3, "Most iterations of the controller in a tick.", ge=1, le=1000)
+    controller_tolerance: float = parameter(
+        1e-3, "Relative gain or change of control at which the controller has converged.", ge=0.0, le=1.0
+    )
+    controller_state_weights: tuple[float, ...] = parameter((), "As state_weights; empty: the filter's.", ge=0.0)
+    controller_control_weights: tuple[float, ...] = parameter((), "As control_weights; empty: the filter's.", ge=0.0)
+    controller_terminal_weights: tuple[float, ...] = parameter((), "As terminal_weights; empty: the filter's.", ge=0.0)
+    control_limits: tuple[float, ...] = parameter(
+        (), "Largest magnitude of the controller's controls; empty: the task's.", unit="of the control", ge=0.0
+    )
+
+
+def costs(task: Task, config: FilterConfig) -> tuple[QuadraticCost, QuadraticCost]:
+    """Objectives of the filter and of its controller.
+
+    Raises
+    ------
+    ParameterError: a number of elements that the task does not have.
+    """
+    judged = cost.quadratic(task, config.state_weights, config.control_weights, config.terminal_weights, config.target)
+    try:
+        steered = cost.quadratic(
+            task,
+            config.controller_state_weights or judged.state_weights,
+            config.controller_control_weights or judged.control_weights,
+            config.controller_terminal_weights or judged.terminal_weights,
+            judged.target,
+        )
+    except ParameterError as error:
+        raise ParameterError(f"controller_{error}") from None
+    return judged, steered
+
+
+class MigFilter:
+    """Judges a user's controls one sample at a time. Call :meth:`decide` once a tick: the controller's schedule ages by
+    it.
+    """
+
+    def __init__(self, task: Task, config: FilterConfig | None = None, *, sample_time: float = SAMPLE_TIME) -> None:
+        # Imported here, so that a process that only reads a configuration does not load the compiler.
+        from shared_control.mig import Criterion
+
+        self.task = task
+        self.config = FilterConfig() if config is None else config
+        judged, steered = costs(task, self.config)
+        self._criterion = Criterion(
+            task, judged, horizon=self.config.horizon, dt=sample_time, adjoint_along=self.config.adjoint_along
+        )
+        self._controller: Controller = controllers.make(
+            self.config.controller,
+            task,
+            steered,
+            dt=sample_time,
+            horizon=self.config.controller_horizon or self.config.horizon,
+            limits=self.config.control_limits,
+            iterations=self.config.controller_iterations,
+            tolerance=self.config.controller_tolerance,
+        )
+        self._null = np.zeros(task.m)
+        self._null.setflags(write=False)
+        self._mode = Mode.of(self.config.mode)
+        self._threshold, self._dead_zone = self.config.threshold, self.config.dead_zone
+
+    @property
+    def mode(self) -> Mode:
+        """Mode in force; settable by name or number, at any time between two ticks."""
+        return self._mode
+
+    @mode.setter
+    def mode(self, mode: str | int) -> None:
+        self._mode = Mode.of(mode)
+
+    @property
+    def threshold(self) -> float:
+        """Threshold in force [unit of the cost]."""
+        return self._threshold
+
+    def configure(self, **values: object) -> None:
+        """Change live parameters.
+
+        Raises
+        ------
+        ParameterError: a parameter that is not live, or a value that its declaration refuses; nothing is changed then.
+        """
+        live = {field.name for field in dataclasses.fields(FilterConfig) if field.metadata["parameter"]["live"]}
+        fixed = [key for key in values if key not in live]
+        checked = build(FilterConfig, values)
+        if fixed:
+            raise ParameterError(
+                f"{fixed[0]}: cannot change while the filter runs; these can: {', '.join(sorted(live))}"
+            )
+        if "mode" in values:
+            self._mode = Mode.of(checked.mode)
+        if "threshold" in values:
+            self._threshold = checked.threshold
+        if "dead_zone" in values:
+            self._dead_zone = checked.dead_zone
+
+    def decide(self, x: Array, u_user: Array) -> Decision:
+        """Judge the control (m,) of the coming sample at the state (n,)."""
+        self._controller.advance()
+        mode = self._mode
+        if not all(map(math.isfinite, x)):
+            return self._safe(Reason.NON_FINITE_STATE, u_user)
+        if not all(map(math.isfinite, u_user)):
+            return self._safe(Reason.NON_FINITE_WRENCH, u_user)
+        if mode is Mode.OFF:
+            return self._decision(Verdict.ACCEPTED, Reason.FILTER_OFF, math.nan, u_user, u_user)
+        if not any(abs(u) > self._dead_zone for u in u_user):
+            return self._decision(Verdict.ACCEPTED, Reason.NULL_ACTION, math.nan, u_user, u_user)
+        criterion = self._criterion(x, u_user)
+        if not math.isfinite(criterion):
+            return self._safe(Reason.NON_FINITE_CRITERION, u_user)
+        if criterion <= self._threshold:
+            return self._decision(Verdict.ACCEPTED, Reason.CRITERION, criterion, u_user, u_user)
+        if mode is Mode.TRAINING:
+            return self._decision(Verdict.REJECTED, Reason.CRITERION, criterion, u_user, self._null)
+        solution = self._controller.solve(x)
+        reason = Reason.CRITERION if solution.usable else Reason.NOT_CONVERGED
+        return self._decision(Verdict.REPLACED, reason, criterion, u_user, solution.control)
+
+    def fallback(self, reason: Reason | int, u_user: Array) -> Decision:
+        """The safe command in place of an action that could not be judged; counts as a tick, as :meth:`decide` does."""
+        self._controller.advance()
+        return self._safe(Reason(reason), u_user)
+
+    def reset(self) -> None:
+        """As new, except for live parameters: they stay as they were set."""
+        self._controller.reset()
+
+    def warm_up(self) -> None:
+        """Compile, or load, every kernel; leaves the filter as :meth:`reset` does."""
+        x = self.task.initial_state
+        self._criterion(x, np.ones(self.task.m))
+        self._controller.solve(x)
+        self.reset()
+
+    def _safe(self, reason: Reason, u_user: Array) -> Decision:
+        if self._mode is Mode.ASSISTANCE:
+            return self._decision(Verdict.REPLACED, reason, math.nan, u_user, self._controller.fallback())
+        return self._decision(Verdict.REJECTED, reason, math.nan, u_user, self._null)
+
+    def _decision(self, verdict: Verdict, reason: Reason, criterion: float, u_user: Array, applied: Array) -> Decision:
+        return Decision(verdict, reason, self._mode, criterion, self._threshold, u_user, self._null, applied)

@@ -1,0 +1,128 @@
+"""Measures of a trial, as the paper defines them ('Performance Measures'), with the readings that its numbers fit.
+
+``success``
+    theta within 0.4 rad (wrapped) and theta_dot within 0.75 rad/s for at least 2 s without a break.
+``time_to_success`` [s]
+    When the first such stay begins (``success_time="entry"``: the paper's 8.3 s + 19.7 s = 30 s - 2 s fits) or when its
+    2 s are over (``"dwell"``); the length of the trial if there is none.
+``balance_time`` [s]
+    Cumulative time in the region, counted from 2 s after the entry of each such stay (``balance="after_dwell"``) or all
+    of the time in the region (``"in_region"``); 0 without success.
+``rms_error``
+    RMS of wrapped theta, divided by pi, that of hanging still (``error="angle"``: what the paper's 0.57 to 0.65 fit) or
+    RMS of the state's norm, theta wrapped, likewise divided by pi (``"state"``).
+``pra``
+    Share of the actions (inputs that are not null) that were rejected or replaced, up to success: to when its 2 s are
+    over, or over the trial if there is none; NaN without an action.
+``pra_trial``
+    The same over the whole trial.
+``cart_excursion`` [m]
+    max |x_c|.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from shared_control.parameters import ParameterError
+from shared_control.tasks.cart_pendulum import CartPendulum
+
+__all__ = ["CartPendulumMeasures", "cart_pendulum"]
+
+_READINGS = {
+    "success_time": ("entry", "dwell"),
+    "balance": ("after_dwell", "in_region"),
+    "error": ("angle", "state"),
+}
+
+
+class CartPendulumMeasures(NamedTuple):
+    """See the module."""
+
+    success: bool
+    time_to_success: float
+    balance_time: float
+    rms_error: float
+    pra: float
+    pra_trial: float
+    cart_excursion: float
+
+
+def cart_pendulum(
+    states: ArrayLike,
+    sample_time: float,
+    *,
+    action: ArrayLike | None = None,
+    intervened: ArrayLike | None = None,
+    success_time: str = "entry",
+    balance: str = "after_dwell",
+    error: str = "angle",
+) -> CartPendulumMeasures:
+    """Measures of one trial.
+
+    Parameters
+    ----------
+    states: (N+1, 4), the nodes of the trial.
+    sample_time: [s].
+    action: (N,) bool, whether the user's input of each tick is an action (not null); all, if left out.
+    intervened: (N,) bool, whether it was rejected or replaced; none, if left out.
+    success_time, balance, error: readings, see the module.
+
+    Raises
+    ------
+    ParameterError: a reading that is not known, or shapes that do not fit.
+    """
+    for key, value in (("success_time", success_time), ("balance", balance), ("error", error)):
+        if value not in _READINGS[key]:
+            raise ParameterError(f"{key}: {value!r} is not allowed; it must be one of {', '.join(_READINGS[key])}")
+    x = np.asarray(states, dtype=float)
+    if x.ndim != 2 or x.shape[1] != 4 or len(x) < 1:
+        raise ParameterError(f"states: shape {x.shape} is not allowed; it must be (N+1, 4)")
+    ticks = len(x) - 1
+    acted = np.ones(ticks, bool) if action is None else np.asarray(action, dtype=bool)
+    stopped = np.zeros(ticks, bool) if intervened is None else np.asarray(intervened, dtype=bool)
+    if acted.shape != (ticks,) or stopped.shape != (ticks,):
+        raise ParameterError(f"action, intervened: shapes {acted.shape}, {stopped.shape}; they must be ({ticks},)")
+
+    # To the nearest turn; at the very ends of (-pi, pi] the sign does not matter to any measure.
+    theta = x[:, 0] - 2.0 * math.pi * np.round(x[:, 0] / (2.0 * math.pi))
+    inside = (np.abs(theta) <= CartPendulum.success_angle) & (np.abs(x[:, 1]) <= CartPendulum.success_rate)
+    dwell = round(CartPendulum.success_dwell / sample_time)
+    # A stay is a run of nodes inside, from its first to its last; it lasts as many samples as it has nodes, less one.
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    stays = [(int(first), int(end) - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
+    successes = [(first, last) for first, last in stays if last - first >= dwell]
+    success = bool(successes)
+
+    if success:
+        entry = successes[0][0]
+        time_to_success = (entry if success_time == "entry" else entry + dwell) * sample_time
+        if balance == "after_dwell":
+            balance_time = sum(last - first - dwell for first, last in successes) * sample_time
+        else:
+            balance_time = sum(last - first for first, last in stays) * sample_time
+        until = entry + dwell
+    else:
+        time_to_success, balance_time, until = ticks * sample_time, 0.0, ticks
+
+    squares = theta**2
+    if error == "state":
+        squares = squares + np.sum(x[:, 1:] ** 2, axis=1)
+    return CartPendulumMeasures(
+        success=success,
+        time_to_success=time_to_success,
+        balance_time=balance_time,
+        rms_error=float(np.sqrt(np.mean(squares)) / math.pi),
+        pra=_share(stopped[:until], acted[:until]),
+        pra_trial=_share(stopped, acted),
+        cart_excursion=float(np.max(np.abs(x[:, 2]))),
+    )
+
+
+def _share(stopped: np.ndarray, acted: np.ndarray) -> float:
+    actions = int(np.count_nonzero(acted))
+    return float(np.count_nonzero(stopped & acted) / actions) if actions else math.nan

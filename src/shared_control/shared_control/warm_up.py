@@ -1,0 +1,45 @@
+"""Compile every kernel of every task into the cache: ``python -m shared_control.warm_up``."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from shared_control import controllers, cost, kernels_cache, tasks
+from shared_control.integrate import Stepper
+from shared_control.mig import Criterion
+from shared_control.tasks.task import SAMPLE_TIME
+
+
+def kernels(name: str) -> Iterator[tuple[str, Callable[[], object]]]:
+    """What there is to compile for a task: a title, and a call that compiles it."""
+    task = tasks.get(name)
+    objective = cost.quadratic(task)
+    stepper = Stepper(task, SAMPLE_TIME)
+    x, u = task.initial_state, np.ones(task.m)
+    yield "integration step", lambda: stepper.advance(x.copy(), u)
+    yield "step's Jacobians", lambda: stepper.jacobians(x, u)
+    yield "criterion", lambda: Criterion(task, objective, horizon=10 * SAMPLE_TIME, dt=SAMPLE_TIME)(x, u)
+    for controller in controllers.names():
+        solver = controllers.make(controller, task, objective)
+        yield f"controller {controller}", functools.partial(solver.solve, x)
+
+
+def main() -> None:
+    """Print each kernel as it is compiled."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    print(f"kernels go to {kernels_cache.directory()}", flush=True)
+    for name in tasks.names():
+        for title, compile_ in kernels(name):
+            print(f"  {name}: {title} ...", end="", flush=True)
+            begin = time.perf_counter()
+            compile_()
+            print(f" {time.perf_counter() - begin:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

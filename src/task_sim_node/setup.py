@@ -1,0 +1,21 @@
+from setuptools import find_packages, setup
+
+NAME = "task_sim_node"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Simulated dynamic task and pacemaker of the loop: owns the trial's clock.",
+    license="Apache-2.0",
+    maintainer="Shared Control Rig maintainers",
+    maintainer_email="maintainers@shared-control-rig.example",
+    packages=find_packages(),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    entry_points={"console_scripts": ["task_sim_node = task_sim_node.main:main"]},
+)

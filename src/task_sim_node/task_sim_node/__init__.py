@@ -1,0 +1,1 @@
+"""Simulated dynamic task and pacemaker of the loop: owns the trial's clock."""

@@ -1,0 +1,75 @@
+"""The robot's node alone: an admitted force in, the ideal cart's motion out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from admittance_sim_node.node import AdmittanceSimNode
+from mig_interfaces.msg import EndEffectorState, TrialState
+from rig_runtime import topics
+from rig_runtime.ticks import LOCKSTEP_EPOCH, to_stamp
+from shared_control.parameters import ParameterError
+
+from loop_messages import SAMPLE, wrench
+
+
+def trial(phase: int, uid: int = 1) -> TrialState:
+    message = TrialState(phase=phase, uid=uid, epoch=to_stamp(LOCKSTEP_EPOCH))
+    message.sample_time.nanosec = SAMPLE
+    return message
+
+
+class Bench:
+    def __init__(self, graph: Any, *parameters: str) -> None:
+        self.graph = graph
+        self.node = graph.make(AdmittanceSimNode, *parameters)
+        self.commands = graph.publisher(topics.COMMAND)
+        self.trials = graph.publisher(topics.TRIAL_STATE)
+        self.out: list[EndEffectorState] = graph.collect(topics.END_EFFECTOR)
+        self.trials.publish(trial(TrialState.PHASE_ARMING))
+        graph.until(lambda: self.node.armed_uid == 1)
+        graph.until(lambda: bool(self.commands.get_subscription_count()))
+        graph.until(lambda: all(self.node.make_report().matched_subscriptions))
+
+    def push(self, tick: int, force: float) -> EndEffectorState:
+        expected = len(self.out) + 1
+        self.commands.publish(wrench(tick, force))
+        self.graph.until(lambda: len(self.out) == expected)
+        return self.out[-1]
+
+
+def test_the_ideal_robot_accelerates_by_force_over_mass(graph: Any) -> None:
+    bench = Bench(graph, "robot_mass:=4.0")
+    velocity = 0.0
+    for tick, force in enumerate((8.0, -2.0, 0.0)):
+        state = bench.push(tick, force)
+        velocity += 0.01 * force / 4.0
+        assert state.tick == tick
+        assert state.acceleration.x == force / 4.0
+        assert state.velocity.x == pytest.approx(velocity, abs=1e-15)
+        assert (state.position.y, state.position.z) == (0.0, 0.0)
+
+
+def test_ticks_without_a_command_passed_under_no_force(single_graph: Any) -> None:
+    bench = Bench(single_graph)
+    bench.push(0, 2.0)
+    after = bench.push(3, 0.0)
+    assert after.tick == 3
+    assert bench.node.diagnose()[2]["ticks without command"] == 2
+    bench.commands.publish(wrench(1, 2.0))
+    assert bench.push(4, 0.0).tick == 4
+    assert bench.node.diagnose()[2]["dropped"] == 1
+
+
+def test_a_new_trial_starts_from_rest(single_graph: Any) -> None:
+    bench = Bench(single_graph)
+    bench.push(0, 5.0)
+    bench.trials.publish(trial(TrialState.PHASE_ARMING, uid=2))
+    single_graph.until(lambda: bench.node.armed_uid == 2)
+    assert bench.push(0, 0.0).velocity.x == 0.0
+
+
+def test_a_bad_parameter_is_refused_by_name(single_graph: Any) -> None:
+    with pytest.raises(ParameterError, match=r"robot_mass.*-1"):
+        single_graph.make(AdmittanceSimNode, "robot_mass:=-1.0")

@@ -1,0 +1,155 @@
+"""The filter node alone: a state and a wrench in, a command, a verdict and a decision out; never a silent pass."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from mig_filter_node.node import MigFilterNode
+from mig_interfaces.msg import FilterDecision
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.parameter import Parameter
+from rig_runtime import topics
+from shared_control.parameters import ParameterError, declarations
+from shared_control.scenario import FilterConfig
+
+from loop_messages import state, wrench
+
+OUTPUTS = (topics.COMMAND, topics.DECISION, topics.ACCEPTED, topics.REJECTED, topics.REPLACED)
+
+
+class Bench:
+    """The filter node between two publishers and its collected outputs."""
+
+    def __init__(self, graph: Any, *parameters: str) -> None:
+        self.graph = graph
+        self.node = graph.make(MigFilterNode, *parameters)
+        self.states = graph.publisher(topics.TASK_STATE)
+        self.wrenches = graph.publisher(topics.WRENCH)
+        self.out = {topic: graph.collect(topic) for topic in OUTPUTS}
+        graph.until(self._matched)
+
+    def _matched(self) -> bool:
+        report = self.node.make_report()
+        inputs = (self.states.get_subscription_count(), self.wrenches.get_subscription_count())
+        return all(inputs) and all(report.matched_publishers) and all(report.matched_subscriptions)
+
+    def decide(self, tick: int, force: float, **changes: Any) -> FilterDecision:
+        """One tick, as the loop would run it."""
+        self.states.publish(state(tick, *changes.pop("x", [])))
+        self.wrenches.publish(wrench(tick, force, **changes))
+        return self.wait(tick)
+
+    def wait(self, tick: int) -> FilterDecision:
+        decisions = self.out[topics.DECISION]
+        verdicts = [self.out[topic] for topic in topics.BY_VERDICT]
+        self.graph.until(lambda: any(d.tick == tick for d in decisions))
+        self.graph.until(lambda: len(self.out[topics.COMMAND]) == len(decisions) == sum(map(len, verdicts)))
+        return next(d for d in decisions if d.tick == tick)
+
+
+def test_parameters_are_declared_with_unit_and_description(single_graph: Any) -> None:
+    node = single_graph.make(MigFilterNode)
+    for declaration in declarations(FilterConfig):
+        described: ParameterDescriptor = node.describe_parameter(declaration.name)
+        assert declaration.description in described.description
+        assert described.read_only is not declaration.live
+    assert node.parameters.get(FilterConfig) == FilterConfig()
+
+
+def test_a_bad_parameter_is_refused_by_name(single_graph: Any) -> None:
+    with pytest.raises(ParameterError, match=r"mode.*'hard'.*off, training, assistance"):
+        single_graph.make(MigFilterNode, "mode:=hard")
+
+
+def test_opposite_pushes_get_opposite_verdicts(graph: Any) -> None:
+    bench = Bench(graph, "mode:=training", "pacing:=lockstep")
+    pushes = [bench.decide(0, 4.0), bench.decide(1, -4.0)]
+    verdicts = {decision.verdict for decision in pushes}
+    assert verdicts == {FilterDecision.VERDICT_ACCEPTED, FilterDecision.VERDICT_REJECTED}
+    for decision in pushes:
+        assert decision.reason == FilterDecision.REASON_CRITERION
+        assert (decision.criterion <= decision.threshold) == (decision.verdict == FilterDecision.VERDICT_ACCEPTED)
+        accepted = decision.verdict == FilterDecision.VERDICT_ACCEPTED
+        assert decision.admitted_force.x == (decision.user_force.x if accepted else 0.0)
+        assert decision.added_force.x == decision.admitted_force.x - decision.user_force.x
+        assert (decision.state_age, decision.wrench_age, decision.compute_time) == (0.0, 0.0, 0.0)
+    assert [command.wrench.force.x for command in bench.out[topics.COMMAND]] == [d.admitted_force.x for d in pushes]
+
+
+def test_assistance_replaces_what_training_rejects(graph: Any) -> None:
+    bench = Bench(graph, "mode:=assistance", "pacing:=lockstep")
+    pushes = [bench.decide(0, 4.0), bench.decide(1, -4.0)]
+    replaced = [d for d in pushes if d.verdict == FilterDecision.VERDICT_REPLACED]
+    assert len(replaced) == 1
+    assert math.isfinite(replaced[0].admitted_force.x)
+    # What is republished under the verdict is the user's force.
+    assert [w.wrench.force.x for w in bench.out[topics.REPLACED]] == [replaced[0].user_force.x]
+
+
+def test_mode_changes_in_flight_on_the_next_tick(graph: Any) -> None:
+    bench = Bench(graph, "mode:=training", "pacing:=lockstep")
+    push = next(f for k, f in enumerate((4.0, -4.0)) if bench.decide(k, f).verdict == FilterDecision.VERDICT_REJECTED)
+    assert bench.node.set_parameters([Parameter("mode", value="off")])[0].successful
+    off = bench.decide(2, push)
+    assert (off.verdict, off.reason) == (FilterDecision.VERDICT_ACCEPTED, FilterDecision.REASON_FILTER_OFF)
+    assert bench.node.set_parameters([Parameter("mode", value="assistance")])[0].successful
+    assert bench.decide(3, push).verdict == FilterDecision.VERDICT_REPLACED
+    refused = bench.node.set_parameters([Parameter("horizon", value=2.0)])[0]
+    assert not refused.successful
+    assert "horizon" in refused.reason
+
+
+@pytest.mark.parametrize(
+    ("force", "frame", "reason"),
+    [
+        (math.nan, topics.SENSOR_FRAME, FilterDecision.REASON_NON_FINITE_WRENCH),
+        (math.inf, topics.SENSOR_FRAME, FilterDecision.REASON_NON_FINITE_WRENCH),
+        (4.0, "somewhere", FilterDecision.REASON_UNKNOWN_FRAME),
+        (0.0, topics.SENSOR_FRAME, FilterDecision.REASON_NULL_ACTION),
+    ],
+)
+@pytest.mark.parametrize("mode", ["off", "training"])
+def test_what_cannot_be_judged_is_never_passed(
+    single_graph: Any, mode: str, force: float, frame: str, reason: int
+) -> None:
+    bench = Bench(single_graph, f"mode:={mode}", "pacing:=lockstep")
+    decision = bench.decide(0, force, frame=frame)
+    if mode == "off" and reason == FilterDecision.REASON_NULL_ACTION:
+        reason = FilterDecision.REASON_FILTER_OFF
+    assert decision.reason == reason
+    assert bench.out[topics.COMMAND][0].wrench.force.x == 0.0
+
+
+def test_a_state_that_is_not_finite_is_said_so(single_graph: Any) -> None:
+    bench = Bench(single_graph, "mode:=assistance", "pacing:=lockstep")
+    decision = bench.decide(0, 4.0, x=[(math.nan, 0.0, 0.0, 0.0)])
+    assert decision.reason == FilterDecision.REASON_NON_FINITE_STATE
+    assert bench.out[topics.COMMAND][0].wrench.force.x == 0.0
+
+
+def test_order_of_arrival_does_not_matter(graph: Any) -> None:
+    bench = Bench(graph, "mode:=training", "pacing:=lockstep")
+    for tick in range(3):
+        bench.wrenches.publish(wrench(tick, 4.0))
+    for tick in range(3):
+        bench.states.publish(state(tick))
+    bench.wait(2)
+    assert [d.tick for d in bench.out[topics.DECISION]] == [0, 1, 2]
+
+
+def test_in_real_time_a_missing_wrench_gets_the_safe_command(graph: Any) -> None:
+    bench = Bench(graph, "mode:=training", "pacing:=realtime", "command_timeout:=0.05")
+    bench.states.publish(state(0))
+    decision = bench.wait(0)
+    assert decision.reason == FilterDecision.REASON_STALE_WRENCH
+    assert decision.state_age >= 0.05
+    assert bench.out[topics.COMMAND][0].wrench.force.x == 0.0
+    bench.wrenches.publish(wrench(0, 4.0))
+    later = bench.decide(1, 4.0)
+    assert later.reason == FilterDecision.REASON_CRITERION
+    assert np.isfinite([later.wrench_age, later.compute_time]).all()
+    assert len(bench.out[topics.DECISION]) == 2, "the wrench that came too late got no second decision"
+    assert bench.node.diagnose()[2]["late"] == 1

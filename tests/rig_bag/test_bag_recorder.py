@@ -1,0 +1,291 @@
+"""The recorder node on real rclpy, under both executors, and in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rosbags.highlevel import AnyReader
+from std_msgs.msg import String
+
+from mig_interfaces.msg import EndEffectorState, FilterDecision, RecorderState, TaskState, TrialState
+from rig_bag import BagError, info, messages, read
+from rig_bag.mcap_scan import scan
+from rig_bag.recorder import RecorderNode
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+EPOCH = 1_000_000_000_000
+STEP = 10_000_000
+LOOP = {
+    "task/state": TaskState,
+    "force_sensor/wrench": WrenchStamped,
+    "mig_filter/command": WrenchStamped,
+    "mig_filter/decision": FilterDecision,
+    "admittance/end_effector": EndEffectorState,
+    "mig_filter/accepted": WrenchStamped,
+}
+
+
+def _overrides(**values: Any) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def _recorder(graph: Any, **values: Any) -> Any:
+    return graph.add(RecorderNode(namespace="/rig", context=graph.context, parameter_overrides=_overrides(**values)))
+
+
+def _matched(recorder: RecorderNode, *topics: str) -> Callable[[], bool]:
+    return lambda: all(recorder.matched().get(topic, 0) > 0 for topic in topics)
+
+
+def _written(recorder: Any) -> int:
+    return 0 if recorder.recording is None else recorder.recording.writer.messages
+
+
+class Loop:
+    """The rig's per-tick topics, a trial's state, and a listener of the recorder's."""
+
+    def __init__(self, graph: Any, trial_state: Callable[..., TrialState]) -> None:
+        self._graph = graph
+        self._trial_state = trial_state
+        self.publishers = {
+            name: graph.node.create_publisher(kind, name, QoSProfile(depth=200)) for name, kind in LOOP.items()
+        }
+        self.trial = graph.node.create_publisher(TrialState, "trial/state", LATCHED)
+        self.states: list[RecorderState] = []
+        graph.node.create_subscription(RecorderState, "recorder/state", self.states.append, LATCHED)
+        self.topics = [f"/rig/{name}" for name in [*LOOP, "trial/state"]]
+
+    def announce(self, phase: int, ticks: int = 0) -> None:
+        self.trial.publish(self._trial_state(phase, ticks))
+
+    def tick(self, tick: int, *left_out: str) -> None:
+        for name, publisher in self.publishers.items():
+            if name not in left_out:
+                message = LOOP[name]()
+                message.header.stamp.sec, message.header.stamp.nanosec = divmod(EPOCH + tick * STEP, 1_000_000_000)
+                publisher.publish(message)
+
+
+def test_it_records_what_is_published(graph: Any, tmp_path: Path, task_state: Callable[[int], TaskState]) -> None:
+    best_effort = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+    states = graph.node.create_publisher(TaskState, "task/state", QoSProfile(depth=50))
+    texts = graph.node.create_publisher(String, "/text", best_effort)
+    latched = graph.node.create_publisher(String, "latched", LATCHED)
+    latched.publish(String(data="before the recorder"))
+    recorder = _recorder(
+        graph,
+        uri=str(tmp_path / "bag"),
+        topics=["task/state", "/text", "latched", "late"],
+        follow_trial=False,
+        per_tick_topics=["task/state"],
+    )
+    assert recorder.topics_wanted() == ("/rig/task/state", "/text", "/rig/latched", "/rig/late")
+    assert recorder.matched()["/rig/late"] == 0
+    graph.until(_matched(recorder, "/rig/task/state", "/text", "/rig/latched"))
+    sent = [task_state(tick) for tick in range(20)]
+    for message in sent:
+        states.publish(message)
+        texts.publish(String(data=f"text {message.tick}"))
+    graph.until(lambda: _written(recorder) >= 41)
+    late = graph.node.create_publisher(String, "late", LATCHED)
+    late.publish(String(data="late"))
+    graph.until(lambda: _written(recorder) >= 42)
+    recorder.close()
+    recorder.close()
+    assert recorder.closed.done()
+    assert not recorder.failed
+
+    stored: dict[str, list[bytes]] = {}
+    for message in messages(tmp_path / "bag"):
+        stored.setdefault(message.topic, []).append(message.data)
+    assert [deserialize_message(data, TaskState) for data in stored["/rig/task/state"]] == sent
+    assert [deserialize_message(data, String).data for data in stored["/text"]] == [f"text {k}" for k in range(20)]
+    assert [deserialize_message(data, String).data for data in stored["/rig/latched"]] == ["before the recorder"]
+    assert [deserialize_message(data, String).data for data in stored["/rig/late"]] == ["late"]
+    with AnyReader([tmp_path / "bag"]) as reader:
+        decoded = [
+            reader.deserialize(raw, connection.msgtype)
+            for connection, _, raw in reader.messages()
+            if connection.topic == "/rig/task/state"
+        ]
+    assert [list(item.state) for item in decoded] == [list(item.state) for item in sent]
+
+    entries = {entry.name: entry for entry in info(tmp_path / "bag").metadata.topics}
+    assert [entries[name].qos[0].reliability for name in ("/rig/task/state", "/text")] == ["reliable", "best_effort"]
+    assert entries["/rig/latched"].qos[0].durability == "transient_local"
+    assert entries["/rig/task/state"].type_hash.startswith("RIHS01_")
+    log_times = [message.log_time for message in messages(tmp_path / "bag")]
+    assert log_times[0] > 1_600_000_000_000_000_000
+
+
+def test_a_lockstep_trial_ends_the_bag(graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]) -> None:
+    scenario = tmp_path / "cart.yaml"
+    scenario.write_text("seed: 11\n")
+    loop = Loop(graph, trial_state)
+    recorder = _recorder(
+        graph, uri=str(tmp_path / "bag"), pacing="lockstep", progress_ticks=10, attachments=[str(scenario)]
+    )
+    graph.until(_matched(recorder, *loop.topics))
+    loop.announce(TrialState.PHASE_ARMING)
+    loop.announce(TrialState.PHASE_RUNNING)
+    for tick in range(60):
+        loop.tick(tick)
+    graph.until(lambda: _written(recorder) >= 360)
+    loop.announce(TrialState.PHASE_FINISHED, 60)
+    graph.until(lambda: recorder.closed.done() and not loop.states[-1].recording)
+
+    assert recorder.closed.result() == "trial finished"
+    assert loop.states[-1].message == "trial finished"
+    assert loop.states[-1].lost == 0
+    assert loop.states[-1].uri == str(tmp_path / "bag")
+    stamps = [state.header.stamp.sec * 10**9 + state.header.stamp.nanosec for state in loop.states]
+    assert stamps == sorted(stamps)
+    assert stamps[-1] == EPOCH + 59 * STEP
+    assert set(stamps[1:-1]) <= {EPOCH + tick * STEP for tick in (9, 19, 29, 39, 49, 59)}
+
+    metadata = info(tmp_path / "bag").metadata
+    assert (metadata.start, metadata.duration) == (EPOCH, 59 * STEP)
+    assert metadata.custom_data["complete"] == "true"
+    assert metadata.custom_data["subject"] == "s07"
+    contents = scan(tmp_path / "bag" / "bag_0.mcap")
+    assert [attachment[0] for attachment in contents.attachments] == ["cart.yaml"]
+    account = dict(contents.metadata)["completeness"]
+    assert json.loads(account["ticks /rig/task/state"])["received"] == 60
+    arrays = read(tmp_path / "bag")
+    assert len(arrays["/rig/mig_filter/decision"]) == 60
+    assert (arrays["/rig/task/state"]["log_time"] >= arrays["/rig/task/state"]["stamp"]).all()
+
+
+def test_a_lost_tick_is_said(graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]) -> None:
+    loop = Loop(graph, trial_state)
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"), settle_limit=0.1)
+    graph.until(_matched(recorder, *loop.topics))
+    loop.announce(TrialState.PHASE_RUNNING)
+    for tick in range(10):
+        loop.tick(tick, *(["mig_filter/decision"] if tick in (4, 9) else []))
+    graph.until(lambda: _written(recorder) >= 58)
+    loop.announce(TrialState.PHASE_FINISHED, 10)
+    graph.until(lambda: recorder.closed.done() and not loop.states[-1].recording)
+    assert loop.states[-1].lost == 2
+    assert info(tmp_path / "bag").metadata.custom_data["complete"] == "false"
+
+
+def test_an_old_trial_does_not_end_a_new_bag(
+    single_graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]
+) -> None:
+    graph = single_graph
+    loop = Loop(graph, trial_state)
+    loop.trial.publish(trial_state(TrialState.PHASE_FINISHED, 100, uid=1))
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"))
+    graph.until(lambda: _written(recorder) >= 1)
+    loop.trial.publish(trial_state(TrialState.PHASE_RUNNING, 0, uid=2))
+    graph.until(lambda: _written(recorder) >= 2)
+    loop.trial.publish(trial_state(TrialState.PHASE_ABORTED, 0, uid=2))
+    graph.until(recorder.closed.done)
+    assert recorder.closed.result() == "trial aborted"
+
+
+def test_patterns_and_types_that_are_not_there(single_graph: Any, tmp_path: Path) -> None:
+    graph = single_graph
+    publishers = {
+        name: graph.node.create_publisher(String, name, LATCHED)
+        for name in ("a/one", "a/two", "a/not", "b", "_hidden/a")
+    }
+    for publisher in publishers.values():
+        publisher.publish(String(data="x"))
+    recorder = _recorder(
+        graph, uri=str(tmp_path / "bag"), topics=[""], regex="/a/", exclude_regex="not", follow_trial=False
+    )
+    graph.until(lambda: _written(recorder) >= 2)
+    late = graph.node.create_publisher(String, "a/late", LATCHED)
+    late.publish(String(data="y"))
+    graph.until(lambda: _written(recorder) >= 3)
+    recorder.close()
+    assert {message.topic for message in messages(tmp_path / "bag")} == {"/rig/a/one", "/rig/a/two", "/rig/a/late"}
+
+
+def test_faults_at_the_start_leave_no_node(single_graph: Any, tmp_path: Path) -> None:
+    graph = single_graph
+    (tmp_path / "there").mkdir()
+    for values, says in (
+        ({"uri": str(tmp_path / "there")}, "exists already"),
+        ({"uri": str(tmp_path / "a"), "regex": "("}, "not a regular expression"),
+        ({"uri": str(tmp_path / "b"), "attachments": [str(tmp_path / "none.yaml")]}, "cannot attach"),
+    ):
+        with pytest.raises(BagError, match=says):
+            RecorderNode(namespace="/rig", context=graph.context, parameter_overrides=_overrides(**values))
+    assert graph.node.get_node_names() == ["probe"]
+
+
+def test_a_disk_that_fills_closes_the_bag_and_says_so(
+    single_graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graph = single_graph
+    states: list[RecorderState] = []
+    graph.node.create_subscription(RecorderState, "recorder/state", states.append, LATCHED)
+    publisher = graph.node.create_publisher(String, "text", QoSProfile(depth=100))
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"), topics=["text"], follow_trial=False)
+    graph.until(_matched(recorder, "/rig/text"))
+    write = os.pwrite
+
+    def full(descriptor: int, data: bytes, offset: int) -> int:
+        if offset + len(data) > 60_000:
+            raise OSError(28, "No space left on device")
+        return write(descriptor, data, offset)
+
+    monkeypatch.setattr(os, "pwrite", full)
+    for _ in range(10):
+        publisher.publish(String(data=os.urandom(10_000).hex()))
+    graph.until(lambda: recorder.closed.done() and bool(states) and not states[-1].recording)
+    assert recorder.failed
+    assert "No space left on device" in states[-1].message
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert reader.message_count < 10
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_a_closed_bag(
+    single_graph: Any, tmp_path: Path, number: int, task_state: Callable[[int], TaskState]
+) -> None:
+    graph = single_graph
+    states: list[RecorderState] = []
+    graph.node.create_subscription(RecorderState, "recorder/state", states.append, LATCHED)
+    publisher = graph.node.create_publisher(TaskState, "task/state", QoSProfile(depth=50))
+    bag = tmp_path / "bag"
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "rig_bag.recorder", "--ros-args", "-r", "__ns:=/rig"),
+            *("-p", f"uri:={bag}", "-p", "topics:=[task/state]", "-p", "per_tick_topics:=[task/state]"),
+            *("-p", "progress_ticks:=1", "-p", "follow_trial:=false"),
+        ],
+        env={**os.environ, "ROS_DOMAIN_ID": str(graph.domain)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        graph.until(lambda: publisher.get_subscription_count() > 0 and bool(states), limit=120.0)
+        for tick in range(30):
+            publisher.publish(task_state(tick))
+        graph.until(lambda: states[-1].messages == 30)
+        process.send_signal(number)
+        graph.until(lambda: process.poll() is not None, limit=120.0)
+    finally:
+        process.kill()
+        _, errors = process.communicate()
+    assert process.returncode == 0, errors
+    assert len(read(bag)["/rig/task/state"]) == 30
+    assert info(bag).metadata.custom_data["closed_because"] == signal.Signals(number).name
+    with AnyReader([bag]) as reader:
+        assert reader.message_count == 30

@@ -1,0 +1,219 @@
+"""The recording without ROS: log times, progress, the account of ticks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
+from mig_interfaces.msg import TaskState, TrialState
+from rig_bag import BagWriter, messages
+from rig_bag.mcap_scan import scan
+from rig_bag.recording import Recording, Stream, Trial
+
+EPOCH = 1_000_000_000_000
+STEP = 10_000_000
+NOW = 1_700_000_000_000_000_000
+
+
+@pytest.fixture
+def make(tmp_path: Path, trial_state: Callable[..., TrialState]) -> Callable[..., Rig]:
+    return lambda **options: Rig(tmp_path / "bag", trial_state, **options)
+
+
+class Rig:
+    """A recording with two per-tick topics, one that two share, and one without a stamp."""
+
+    def __init__(self, path: Path, trial_state: Callable[..., TrialState], **options: Any) -> None:
+        self.path = path
+        self._trial_state = trial_state
+        self.progress: list[int] = []
+        self.recording = Recording(
+            BagWriter(path), per_tick=["/state", "/wrench", "/yes|/no"], on_progress=self._note, **options
+        )
+        add = self.recording.add_topic
+        self.state = add("/state", "mig_interfaces/msg/TaskState")
+        self.wrench = add("/wrench", "geometry_msgs/msg/WrenchStamped")
+        self.yes = add("/yes", "geometry_msgs/msg/WrenchStamped")
+        self.no = add("/no", "geometry_msgs/msg/WrenchStamped")
+        self.text = add("/text", "std_msgs/msg/String")
+        self.diagnostics = add("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+        self.now = NOW
+
+    def _note(self) -> None:
+        self.progress.append(self.recording.progress)
+
+    def send(self, stream: Stream, tick: int | None = None) -> None:
+        types = {"/state": TaskState, "/text": String, "/diagnostics": DiagnosticArray}
+        message = types.get(stream.name, WrenchStamped)()
+        if tick is not None:
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(EPOCH + tick * STEP, 1_000_000_000)
+        self.now += 1000
+        self.recording.receive(stream, serialize_message(message), self.now)
+
+    def tick(self, tick: int) -> None:
+        for stream in (self.state, self.wrench, self.yes if tick % 2 else self.no):
+            self.send(stream, tick)
+
+    def follow(self, phase: int, ticks: int = 0, uid: int = 1) -> None:
+        self.recording.follow(Trial.from_message(self._trial_state(phase, ticks, uid)))
+
+    def account(self) -> dict[str, str]:
+        self.recording.close()
+        return dict(scan(self.recording.writer.file).metadata)["completeness"]
+
+
+def test_log_time_is_the_time_of_reception(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.tick(0)
+    rig.send(rig.text)
+    rig.recording.close()
+    stored = list(messages(rig.path))
+    assert [message.log_time for message in stored] == [NOW + 1000 * k for k in (1, 2, 3, 4)]
+    assert [message.publish_time for message in stored] == [EPOCH, EPOCH, EPOCH, NOW + 4000]
+
+
+def test_in_lockstep_log_time_is_the_newest_tick(make: Callable[..., Rig]) -> None:
+    rig = make(lockstep=True)
+    rig.send(rig.text)
+    rig.send(rig.diagnostics, 777)
+    rig.tick(0)
+    rig.send(rig.state, 1)
+    rig.send(rig.diagnostics, 777)
+    rig.send(rig.wrench, 1)
+    rig.recording.close()
+    stored = [(message.topic, message.log_time) for message in messages(rig.path)]
+    assert stored[:2] == [("/text", EPOCH), ("/diagnostics", EPOCH)]
+    assert stored[-3:] == [("/state", EPOCH + STEP), ("/diagnostics", EPOCH + STEP), ("/wrench", EPOCH + STEP)]
+
+
+def test_in_lockstep_an_armed_trial_gives_the_time(make: Callable[..., Rig]) -> None:
+    rig = make(lockstep=True)
+    rig.follow(TrialState.PHASE_ARMING)
+    rig.send(rig.text)
+    rig.recording.close()
+    assert [message.log_time for message in messages(rig.path)] == [EPOCH]
+
+
+def test_in_lockstep_without_any_tick_nothing_is_lost(make: Callable[..., Rig]) -> None:
+    rig = make(lockstep=True)
+    rig.send(rig.text)
+    rig.recording.close()
+    assert [message.log_time for message in messages(rig.path)] == [NOW + 1000]
+
+
+def test_progress_is_that_of_the_slowest_topic_and_told_at_each_interval(make: Callable[..., Rig]) -> None:
+    rig = make(progress_ticks=5)
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in range(12):
+        rig.send(rig.state, tick)
+    assert rig.recording.progress == -1
+    for tick in range(12):
+        rig.send(rig.wrench, tick)
+        assert rig.recording.progress == EPOCH + tick * STEP
+    assert rig.progress == [EPOCH + 4 * STEP, EPOCH + 9 * STEP]
+    rig.recording.close()
+
+
+def test_a_whole_trial_is_complete(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in range(50):
+        rig.tick(tick)
+    assert not rig.recording.complete() or rig.recording.trial is None or not rig.recording.trial.ended
+    rig.follow(TrialState.PHASE_FINISHED, 50)
+    assert rig.recording.complete()
+    account = rig.account()
+    assert (account["complete"], account["lost"], account["messages"]) == ("true", "0", "150")
+    union = json.loads(account["ticks /yes|/no"])
+    assert (union["expected"], union["received"], union["missing"]) == (50, 50, 0)
+    assert account["count /yes"] == account["count /no"] == "25"
+
+
+@pytest.mark.parametrize(
+    ("skip", "lost"), [({0}, 1), ({7, 8}, 2), ({49}, 1), (set(range(50)), 50), ({0, 20, 48, 49}, 4)]
+)
+def test_what_is_missing_is_counted_wherever_it_is(make: Callable[..., Rig], skip: set[int], lost: int) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in range(50):
+        rig.send(rig.state, tick)
+        rig.send(rig.yes, tick)
+        if tick not in skip:
+            rig.send(rig.wrench, tick)
+    rig.follow(TrialState.PHASE_FINISHED, 50)
+    assert rig.recording.lost() == lost
+    account = rig.account()
+    assert (account["complete"], account["lost"]) == ("false", str(lost))
+    assert json.loads(account["ticks /wrench"])["missing"] == lost
+    assert json.loads(account["ticks /state"])["missing"] == 0
+
+
+def test_duplicates_are_not_complete(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in (0, 1, 1, 2):
+        rig.tick(tick)
+    rig.follow(TrialState.PHASE_FINISHED, 3)
+    account = rig.account()
+    assert (account["complete"], account["lost"]) == ("false", "0")
+    assert json.loads(account["ticks /state"])["duplicates"] == 1
+
+
+def test_an_aborted_trial_owes_no_answer_to_its_last_tick(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in range(5):
+        rig.tick(tick)
+    rig.send(rig.state, 5)
+    rig.follow(TrialState.PHASE_ABORTED, 6)
+    assert rig.recording.lost() == 0
+    rig.recording.close()
+
+
+def test_the_trial_is_in_the_bag(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_FINISHED, 9)
+    rig.recording.close("trial finished")
+    rig.recording.close()
+    trial = dict(scan(rig.recording.writer.file).metadata)["trial"]
+    custom = rig.recording.writer.metadata().custom_data
+    for record in (trial, custom):
+        expected = {"subject": "s07", "group": "training", "set": "b", "trial": "3", "seed": "11", "scenario": "cart"}
+        assert expected.items() <= record.items()
+        assert record["configuration_hash"] == "ab" * 32
+        assert record["phase"] == "finished"
+    assert custom["closed_because"] == "trial finished"
+
+
+def test_a_new_trial_begins_a_new_account(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in range(3):
+        rig.tick(tick)
+    rig.follow(TrialState.PHASE_RUNNING, uid=2)
+    assert rig.recording.progress == -1
+    rig.tick(0)
+    assert (rig.recording.progress, rig.recording.lost()) == (EPOCH, 0)
+    rig.recording.close()
+
+
+def test_big_endian_stamps_are_understood(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.recording.receive(rig.wrench, b"\0\0\0\0" + (7).to_bytes(4, "big") + (5).to_bytes(4, "big") + bytes(60), NOW)
+    rig.recording.close()
+    assert [message.publish_time for message in messages(rig.path)] == [7_000_000_005]
+
+
+def test_recordings_take_every_stream(make: Callable[..., Rig]) -> None:
+    rig = make()
+    assert [name for name, stream in rig.recording.streams().items() if not stream.stamped] == ["/text"]
+    assert rig.recording.streams()["/yes"].ticks is rig.recording.streams()["/no"].ticks
+    rig.recording.close()

@@ -1,0 +1,41 @@
+"""`run`: bad parameters are one sentence, signals end a node cleanly."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "user_sim_node.main", "--ros-args", "-r", "__ns:=/rig", *arguments]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(62 + os.getpid() % 30)}
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_a_bad_parameter_ends_the_node_with_one_sentence() -> None:
+    _, said = start("-p", "user:=ghost").communicate(timeout=120)
+    assert "error: node /rig/user_sim: user" in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_at_start_or_later_ends_it_without_a_trace(number: signal.Signals) -> None:
+    process = start()
+    while "rig_runtime" not in _maps(process.pid) and process.poll() is None:
+        pass
+    process.send_signal(number)
+    _, said = process.communicate(timeout=120)
+    assert "Traceback" not in said
+    assert process.returncode == 0
+
+
+def _maps(pid: int) -> str:
+    """What the process has signals blocked for, read as a sign that `run` has begun."""
+    with open(f"/proc/{pid}/status", encoding="ascii") as status:
+        blocked = next(line for line in status if line.startswith("SigBlk")).split()[1]
+    wanted = 1 << (signal.SIGINT - 1) | 1 << (signal.SIGTERM - 1)
+    return "rig_runtime" if int(blocked, 16) & wanted == wanted else ""

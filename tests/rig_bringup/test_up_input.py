@@ -1,0 +1,141 @@
+"""Bad input to `./rig up` and to the set-up: one clear sentence, a non-zero exit code, nothing started."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from rig_bringup import up
+from rig_bringup.provision import machine
+from rig_bringup.provision.steps import failure_reason, mend_include_paths
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _root(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_ROOT", str(ROOT))
+
+
+def scenario(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("/**:\n  ros__parameters:\n    seeed: 1\n", ["seeed", "did you mean seed"]),
+        ("/**:\n  ros__parameters:\n    seed: one\n", ["seed", "'one'", "int"]),
+        ("/**/mig_filter:\n  ros__parameters:\n    horizon: -1.0\n", ["horizon", "-1.0"]),
+        ("/**/mig_filter:\n  ros__parameters:\n    mode: hard\n", ["mode", "'hard'", "off, training, assistance"]),
+        ("/**/mig_fliter:\n  ros__parameters:\n    mode: off\n", ["mig_fliter", "did you mean"]),
+        ("/**/recorder:\n  ros__parameters:\n    url: x\n", ["url", "did you mean uri"]),
+        ("{{{", ["YAML"]),
+        ("- 1\n", ["mapping"]),
+    ],
+)
+def test_a_bad_scenario_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: list[str]
+) -> None:
+    path = scenario(tmp_path, text)
+    assert up.main([path, "--out", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    for word in [*words, "bad.yaml"]:
+        assert word in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_missing_scenario_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert up.main(["cart_pendulum_nose_assistance"]) == 2
+    assert "did you mean cart_pendulum_noise_assistance" in capsys.readouterr().err
+
+
+def test_a_bad_value_on_the_command_line_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert up.main(["--duration", "-3", "--out", str(tmp_path / "run")]) == 2
+    assert "duration: -3.0" in capsys.readouterr().err
+
+
+def test_a_bag_is_never_overwritten(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    assert up.main(["--out", str(tmp_path)]) == 2
+    assert "no bag is ever overwritten" in capsys.readouterr().err
+
+
+def tools(tmp_path: Path, *names: str) -> dict[str, str]:
+    """An environment whose PATH holds just these tools, and a checkout in which nothing is set up."""
+    bin_ = tmp_path / "bin"
+    bin_.mkdir()
+    for name in names:
+        (bin_ / name).symlink_to(shutil.which(name) or name)
+    return {"PATH": str(bin_), "HOME": str(tmp_path)}
+
+
+def bare_checkout(tmp_path: Path) -> Path:
+    root = tmp_path / "checkout"
+    root.mkdir()
+    shutil.copy(ROOT / "rig", root / "rig")
+    shutil.copytree(ROOT / "src", root / "src")
+    return root
+
+
+@pytest.mark.parametrize(("present", "missing"), [((), "C compiler"), (("cc",), "C++ compiler")])
+def test_a_missing_compiler_is_named_with_a_remedy(tmp_path: Path, present: tuple[str, ...], missing: str) -> None:
+    environment = tools(tmp_path, "bash", "dirname", "python3", *present)
+    result = subprocess.run(
+        [str(bare_checkout(tmp_path) / "rig"), "up"], env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 1
+    assert f"error: {missing}:" in result.stderr
+    assert "apt install" in result.stderr
+
+
+def test_no_python_is_named(tmp_path: Path) -> None:
+    environment = tools(tmp_path, "bash", "dirname", "cat")
+    environment["RIG_PYTHON"] = "python4"
+    result = subprocess.run(
+        [str(ROOT / "rig"), "up"], env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 1
+    assert "no python4 on PATH" in result.stderr
+
+
+def test_another_distribution_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.sep)
+    finding = machine.ros_finding()
+    assert not finding.ok
+    assert "jazzy" in finding.remedy
+
+
+def test_an_unsupported_processor_is_refused_on_the_wheel_route(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    monkeypatch.setattr(machine.platform, "machine", lambda: "riscv64")
+    with pytest.raises(machine.MachineError, match=r"riscv64.*x86_64 only"):
+        machine.require([machine.processor_finding()])
+
+
+def test_an_unreachable_registry_is_said_in_one_sentence() -> None:
+    log = "WARNING: Retrying ... NewConnectionError('failed to establish a new connection')"
+    assert "registry cannot be reached" in failure_reason(log)
+    assert "numpi" in failure_reason("ERROR: No matching distribution found for numpi")
+
+
+def test_the_include_path_mend_is_idempotent(tmp_path: Path) -> None:
+    target = tmp_path / "share" / "pkg" / "cmake" / "x.cmake"
+    target.parent.mkdir(parents=True)
+    target.write_text(
+        'set(A "/opt/python/cp311-cp311/include/python3.11;'
+        '/opt/python/cp311-cp311/lib/python3.11/site-packages/numpy/_core/include")\n'
+    )
+    assert mend_include_paths(tmp_path, tmp_path / "packages") == 1
+    text = target.read_text()
+    assert "/opt/python" not in text
+    assert str(tmp_path / "packages" / "numpy" / "_core" / "include") in text
+    assert mend_include_paths(tmp_path, tmp_path / "packages") == 0
+    assert target.read_text() == text

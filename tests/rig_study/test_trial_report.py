@@ -1,0 +1,87 @@
+"""The report of a bag that was written by hand: what it says is what the bag holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rig_bag
+from mig_interfaces.msg import FilterDecision, TaskState, TrialState
+from rclpy.serialization import serialize_message
+from rig_study.recorded import TrialError, load
+from rig_study.trial_report import summarize, write_report
+
+SAMPLE = 10_000_000
+
+
+def write(path: Path, ticks: int, pacing: int = TrialState.PACING_REALTIME) -> Path:
+    """A trial of the cart-pendulum that stands upright from tick 100 on; every fourth action is rejected."""
+    trial = TrialState(phase=TrialState.PHASE_FINISHED, message="ran to its end", task="cart_pendulum", pacing=pacing)
+    trial.state_names = ["theta", "theta_dot", "x_c", "x_c_dot"]
+    trial.state_units = ["rad", "rad/s", "m", "m/s"]
+    trial.control_names, trial.control_units = ["u"], ["m/s^2"]
+    trial.sample_time.nanosec = SAMPLE
+    trial.ticks_planned = trial.ticks_published = ticks
+    trial.scenario = "by <hand>"
+    with rig_bag.BagWriter(path) as bag:
+        channels = {
+            name: bag.add_topic(f"/rig/{name}", f"mig_interfaces/msg/{kind}")
+            for name, kind in (
+                ("task/state", "TaskState"),
+                ("mig_filter/decision", "FilterDecision"),
+                ("trial/state", "TrialState"),
+            )
+        }
+        for tick in range(ticks):
+            theta = 3.0 if tick < 100 else 0.1
+            state = TaskState(tick=tick, time=0.01 * tick, state=[theta, 0.0, 0.5, 0.0], control=[1.0])
+            state.in_success_region = tick >= 100
+            rejected = tick % 4 == 0
+            decision = FilterDecision(tick=tick, mode=FilterDecision.MODE_TRAINING, compute_time=1e-5, state_age=2e-5)
+            decision.verdict = FilterDecision.VERDICT_REJECTED if rejected else FilterDecision.VERDICT_ACCEPTED
+            decision.criterion = 1.0 if rejected else -1.0
+            decision.user_control, decision.applied_control = [2.0], [0.0 if rejected else 2.0]
+            decision.nominal_control = [0.0]
+            for name, message in (("task/state", state), ("mig_filter/decision", decision)):
+                bag.write(channels[name], serialize_message(message), tick * SAMPLE, tick * SAMPLE)
+        bag.write(channels["trial/state"], serialize_message(trial), ticks * SAMPLE, ticks * SAMPLE)
+    return path
+
+
+def test_a_trial_is_joined_by_tick(tmp_path: Path) -> None:
+    trial = load(write(tmp_path / "bag", 400))
+    assert trial.ticks_recorded == trial.decisions_recorded == 400
+    assert trial.states.shape == (400, 4)
+    assert trial.user_control.shape == (400, 1)
+    assert trial.shares() == {"accepted": 0.75, "rejected": 0.25, "replaced": 0.0}
+    assert trial.sample_time == pytest.approx(0.01)
+    np.testing.assert_array_equal(trial.criterion > 0, trial.verdict == FilterDecision.VERDICT_REJECTED)
+
+
+def test_the_summary_has_the_measures(tmp_path: Path) -> None:
+    text = summarize(write(tmp_path / "bag", 400))
+    assert "success: yes" in text
+    assert "time to success: 1.00 s" in text
+    assert "accepted: 75.0 %" in text
+    assert "ticks, decisions: 400, 400 of 400" in text
+
+
+@pytest.mark.parametrize(("pacing", "figures"), [(TrialState.PACING_REALTIME, 5), (TrialState.PACING_LOCKSTEP, 4)])
+def test_the_page_is_self_contained_and_escaped(tmp_path: Path, pacing: int, figures: int) -> None:
+    page = write_report(write(tmp_path / "bag", 400, pacing), tmp_path / "report.html").read_text()
+    assert page.count("<svg") == figures
+    assert "by &lt;hand&gt;" in page
+    assert "<script" not in page
+    assert 'src="http' not in page
+
+
+def test_the_same_bag_gives_the_same_page(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", 300)
+    first = write_report(bag, tmp_path / "first.html").read_text()
+    assert write_report(bag, tmp_path / "second.html").read_text() == first
+
+
+def test_a_bag_without_ticks_says_so(tmp_path: Path) -> None:
+    with pytest.raises(TrialError, match="holds no tick.*ran to its end"):
+        load(write(tmp_path / "bag", 0))

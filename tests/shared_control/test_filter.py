@@ -1,0 +1,168 @@
+"""Algorithm 1: verdicts, reasons and what is applied, in every mode."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shared_control import tasks
+from shared_control.filter import FilterConfig, MigFilter, Mode, Reason, Verdict
+from shared_control.parameters import ParameterError
+
+TASK = tasks.get("cart_pendulum")
+#: Falling to the right: the cart must go right to catch it.
+X = np.array([0.3, 0.5, 0.0, 0.0])
+GOOD, BAD = np.array([5.0]), np.array([-5.0])
+
+
+def make(mode="assistance", **values):
+    return MigFilter(TASK, FilterConfig(mode=mode, horizon=0.5, **values))
+
+
+def test_accepted():
+    for mode in ("training", "assistance"):
+        decision = make(mode).decide(X, GOOD)
+        assert (decision.verdict, decision.reason) == (Verdict.ACCEPTED, Reason.CRITERION)
+        assert decision.criterion < 0.0 == decision.threshold
+        assert decision.applied_control == GOOD
+        assert decision.user_control == GOOD
+        assert decision.nominal_control == 0.0
+        assert decision.mode == Mode.of(mode)
+
+
+def test_rejected_in_training():
+    decision = make("training").decide(X, BAD)
+    assert (decision.verdict, decision.reason) == (Verdict.REJECTED, Reason.CRITERION)
+    assert decision.criterion > 0.0
+    assert decision.applied_control == 0.0
+
+
+def test_replaced_in_assistance():
+    decision = make().decide(X, BAD)
+    assert (decision.verdict, decision.reason) == (Verdict.REPLACED, Reason.CRITERION)
+    assert 0.0 < decision.applied_control[0] <= 20.0
+
+
+def test_off_accepts_everything_finite():
+    decision = make("off").decide(X, BAD)
+    assert (decision.verdict, decision.reason) == (Verdict.ACCEPTED, Reason.FILTER_OFF)
+    assert math.isnan(decision.criterion)
+    assert decision.applied_control == BAD
+
+
+def test_null_action_and_dead_zone():
+    for filter_, u in ((make(), 0.0), (make(dead_zone=6.0), -5.0)):
+        decision = filter_.decide(X, np.array([u]))
+        assert (decision.verdict, decision.reason) == (Verdict.ACCEPTED, Reason.NULL_ACTION)
+        assert decision.applied_control == u
+    assert make(dead_zone=4.0).decide(X, BAD).verdict == Verdict.REPLACED
+
+
+def test_threshold_moves_the_border():
+    criterion = make().decide(X, BAD).criterion
+    assert make(threshold=criterion).decide(X, BAD).verdict == Verdict.ACCEPTED
+    assert make(threshold=math.nextafter(criterion, 0.0)).decide(X, BAD).verdict == Verdict.REPLACED
+    assert make(threshold=-1e9).decide(X, GOOD).verdict == Verdict.REPLACED
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("mode", ["off", "training", "assistance"])
+def test_not_finite_never_passes(mode, bad):
+    filter_ = make(mode)
+    for x, u, reason in (
+        (X, np.array([bad]), Reason.NON_FINITE_WRENCH),
+        (np.array([0.1, bad, 0.0, 0.0]), GOOD, Reason.NON_FINITE_STATE),
+    ):
+        decision = filter_.decide(x, u)
+        assert decision.reason == reason
+        assert decision.verdict == (Verdict.REPLACED if mode == "assistance" else Verdict.REJECTED)
+        assert decision.applied_control == 0.0
+        assert math.isnan(decision.criterion)
+
+
+def test_state_near_a_singularity():
+    decision = make("training").decide(np.array([0.1, 1e300, 0.0, 1e300]), GOOD)
+    assert decision.verdict == Verdict.REJECTED
+    assert decision.reason == Reason.NON_FINITE_CRITERION
+
+
+def test_fallback_follows_the_last_valid_schedule_to_its_end():
+    filter_ = make(controller_horizon=0.04)
+    first = filter_.decide(X, BAD).applied_control
+    later = [filter_.fallback(Reason.STALE_WRENCH, BAD) for _ in range(5)]
+    assert all(d.verdict == Verdict.REPLACED and d.reason == Reason.STALE_WRENCH for d in later)
+    assert first > 0.0
+    assert later[0].applied_control > 0.0
+    assert later[3].applied_control == later[4].applied_control == 0.0
+    filter_.decide(X, BAD)
+    filter_.reset()
+    assert filter_.fallback(Reason.STALE_WRENCH, BAD).applied_control == 0.0
+
+
+def test_fallback_is_zero_without_assistance():
+    for mode in ("off", "training"):
+        decision = make(mode).fallback(5, BAD)
+        assert (decision.verdict, decision.applied_control) == (Verdict.REJECTED, 0.0)
+
+
+def test_mode_changes_between_ticks():
+    filter_ = make("training")
+    assert filter_.decide(X, BAD).verdict == Verdict.REJECTED
+    filter_.mode = "assistance"
+    assert filter_.decide(X, BAD).verdict == Verdict.REPLACED
+    filter_.mode = 0
+    assert filter_.decide(X, BAD).verdict == Verdict.ACCEPTED
+    with pytest.raises(ParameterError, match="mode"):
+        filter_.mode = "helpful"
+    with pytest.raises(ParameterError, match="mode"):
+        filter_.mode = 3
+
+
+def test_configure_all_or_nothing():
+    filter_ = make()
+    filter_.configure(mode="training", threshold=2.0, dead_zone=1.0)
+    assert (filter_.mode, filter_.threshold) == (Mode.TRAINING, 2.0)
+    for values in ({"threshold": 3.0, "horizon": 2.0}, {"threshold": 3.0, "dead_zone": -1.0}, {"treshold": 3.0}):
+        with pytest.raises(ParameterError):
+            filter_.configure(**values)
+        assert filter_.threshold == 2.0
+
+
+def test_nothing_compiles_after_warm_up():
+    from shared_control.controllers.ilqr_kernels import search
+    from shared_control.dispatch import compiled
+    from shared_control.mig import _slope
+
+    filter_ = make()
+    filter_.warm_up()
+    before = compiled(_slope), compiled(search)
+    frozen = X.copy()
+    frozen.setflags(write=False)
+    for x in (frozen, np.stack([X, X], axis=1)[:, 0], X.astype(np.float32), [0.3, 0.5, 0.0, 0.0]):
+        filter_.decide(x, BAD)
+    assert (compiled(_slope), compiled(search)) == before == (1, 1)
+
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.tuples(anything, anything, anything, anything), anything, st.sampled_from(["off", "training", "assistance"]))
+def test_whatever_comes_in_what_goes_out_is_finite(x, u, mode):
+    decision = make(mode).decide(np.array(x), np.array([u]))
+    assert np.all(np.isfinite(decision.applied_control))
+    if decision.verdict == Verdict.ACCEPTED:
+        assert decision.applied_control == u
+
+
+def test_weights_that_do_not_fit():
+    with pytest.raises(ParameterError, match="controller_state_weights"):
+        make(controller_state_weights=(1.0,))
+    with pytest.raises(ParameterError, match=r"^state_weights"):
+        make(state_weights=(1.0,))
+    with pytest.raises(ParameterError, match="control_limits"):
+        make(control_limits=(1.0, 2.0))

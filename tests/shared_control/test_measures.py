@@ -1,0 +1,91 @@
+"""Measures on trajectories made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from shared_control.measures import cart_pendulum
+from shared_control.parameters import ParameterError
+
+DT = 0.01
+
+
+def trajectory(*pieces):
+    """Nodes from (count, theta, theta_dot) pieces; the first node counts with its piece."""
+    rows = [[theta, omega, 0.0, 0.0] for count, theta, omega in pieces for _ in range(count)]
+    return np.array(rows)
+
+
+def test_hanging():
+    measures = cart_pendulum(trajectory((3001, math.pi, 0.0)), DT)
+    assert measures == (False, 30.0, 0.0, pytest.approx(1.0), 0.0, 0.0, 0.0)
+
+
+def test_the_papers_example():
+    """Success at 8.3 s and balance of 19.7 s in a trial of 30 s: entry, and from 2 s after it."""
+    states = trajectory((830, math.pi, 0.0), (3001 - 830, 0.1, 0.0))
+    measures = cart_pendulum(states, DT)
+    assert measures.success
+    assert measures.time_to_success == pytest.approx(8.3)
+    assert measures.balance_time == pytest.approx(19.7)
+    other = cart_pendulum(states, DT, success_time="dwell", balance="in_region")
+    assert other.time_to_success == pytest.approx(10.3)
+    assert other.balance_time == pytest.approx(21.7)
+
+
+def test_a_stay_must_last_two_seconds():
+    assert cart_pendulum(trajectory((100, 3.0, 0.0), (201, 0.0, 0.0)), DT).success
+    assert not cart_pendulum(trajectory((100, 3.0, 0.0), (200, 0.0, 0.0)), DT).success
+    assert not cart_pendulum(trajectory((150, 0.0, 0.0), (1, 0.0, 0.8), (150, 0.0, 0.0)), DT).success
+
+
+def test_borders_belong_and_turns_do_not_matter():
+    assert cart_pendulum(trajectory((201, 0.4, -0.75)), DT).success
+    assert cart_pendulum(trajectory((201, 6.0 * math.pi - 0.39, 0.75)), DT).success
+    assert not cart_pendulum(trajectory((201, 0.4001, 0.0)), DT).success
+
+
+def test_balance_is_cumulative_over_successful_stays():
+    states = trajectory((301, 0.0, 0.0), (50, 1.0, 0.0), (101, 0.0, 0.0), (50, 1.0, 0.0), (251, 0.0, 0.0))
+    assert cart_pendulum(states, DT).balance_time == pytest.approx(1.0 + 0.5)
+    assert cart_pendulum(states, DT, balance="in_region").balance_time == pytest.approx(3.0 + 1.0 + 2.5)
+
+
+def test_rms():
+    states = trajectory((50, math.pi / 2, 0.0), (50, -math.pi / 2, 3.0))
+    assert cart_pendulum(states, DT).rms_error == pytest.approx(0.5)
+    assert cart_pendulum(states, DT, error="state").rms_error == pytest.approx(
+        math.sqrt((math.pi / 2) ** 2 + 4.5) / math.pi
+    )
+
+
+def test_rejections():
+    states = trajectory((100, 3.0, 0.0), (901, 0.0, 0.0))
+    action, intervened = np.ones(1000, bool), np.zeros(1000, bool)
+    action[:100] = False
+    intervened[50:150] = True
+    intervened[600:] = True
+    measures = cart_pendulum(states, DT, action=action, intervened=intervened)
+    # Success is complete at tick 300: of the actions 100 to 299 those up to 149 were stopped.
+    assert measures.pra == pytest.approx(50 / 200)
+    assert measures.pra_trial == pytest.approx(450 / 900)
+    nobody = cart_pendulum(states, DT, action=np.zeros(1000, bool), intervened=intervened)
+    assert math.isnan(nobody.pra)
+    assert math.isnan(nobody.pra_trial)
+
+
+def test_excursion():
+    states = np.zeros((3, 4))
+    states[:, 2] = (0.0, -3.0, 2.0)
+    assert cart_pendulum(states, DT).cart_excursion == 3.0
+
+
+def test_refused():
+    for options in ({"success_time": "exit"}, {"balance": "all"}, {"error": "max"}, {"action": np.ones(5)}):
+        with pytest.raises(ParameterError):
+            cart_pendulum(np.zeros((3, 4)), DT, **options)
+    with pytest.raises(ParameterError, match="states"):
+        cart_pendulum(np.zeros((3, 5)), DT)

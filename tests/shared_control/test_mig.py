@@ -1,0 +1,164 @@
+"""The criterion against differences and complex steps of a cost that is computed by other code, and its identities."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from shared_control import tasks
+from shared_control.cost import quadratic
+from shared_control.mig import ALONG, Criterion, mig_integral, samples
+from shared_control.parameters import ParameterError
+
+TASK = tasks.get("cart_pendulum")
+COST = quadratic(TASK)
+DT = 0.01
+STEPS = 80
+
+
+def criteria(along, horizon=STEPS * DT, cost=COST, task=TASK):
+    return Criterion(task, cost, horizon=horizon, dt=DT, adjoint_along=along)
+
+
+def first_sample(u):
+    return [u] + [0 * u] * (STEPS - 1)
+
+
+@pytest.mark.parametrize("along", ALONG)
+def test_against_central_differences(oracle, states, along):
+    """At least 1,000 random states: five-point differences in extended precision, where no node crosses the wrap."""
+    x = states(1400, 7)
+    u = np.random.default_rng(8).normal(0.0, 20.0, x.shape[1])
+    centre, width = (0.0 if along == "nominal" else 1.0), np.longdouble(1e-3)
+    wide, push = x.astype(np.longdouble), u.astype(np.longdouble)
+    values, turns = {}, []
+    for s in (-2, -1, 0, 1, 2):
+        controls = first_sample((centre + s * width) * push)
+        values[s] = oracle.cost(wide, controls, DT, effort=False)
+        turns.append(oracle.turns(oracle.simulate(wide, controls, DT)))
+    slope = (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * width)
+    usable = np.all([np.all(t == turns[2], axis=0) for t in turns], axis=0)
+    assert usable.sum() >= 1000
+    criterion = criteria(along)
+    found = np.array([criterion(x[:, i], u[i : i + 1]) for i in range(x.shape[1])])
+    np.testing.assert_allclose(found[usable], slope[usable].astype(float), rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("along", ALONG)
+def test_against_complex_steps(oracle, states, along):
+    """The twin in plain numpy: the same derivative, exact to rounding."""
+    x = states(300, 9)
+    u = np.random.default_rng(10).normal(0.0, 20.0, x.shape[1])
+    centre = 0.0 if along == "nominal" else 1.0
+    j = oracle.cost(x.astype(complex), first_sample(centre * u + 1e-30j * u), DT, effort=False)
+    criterion = criteria(along)
+    found = [criterion(x[:, i], u[i : i + 1]) for i in range(x.shape[1])]
+    np.testing.assert_allclose(found, j.imag / 1e-30, rtol=1e-12, atol=1e-12 * np.abs(j.real).max())
+
+
+def test_with_terminal_cost_and_target(oracle, states):
+    oracle.p = (50.0, 2.0, 3.0, 4.0)
+    cost = quadratic(TASK, terminal_weights=oracle.p, target=(2.0 * math.pi, 0.0, 0.0, 0.0))
+    x = states(50, 11)
+    j = oracle.cost(x.astype(complex), first_sample(1e-30j * np.ones(50)), DT)
+    criterion = criteria("nominal", cost=cost)
+    found = [criterion(x[:, i], np.ones(1)) for i in range(50)]
+    np.testing.assert_allclose(found, j.imag / 1e-30, rtol=1e-11, atol=1e-12 * np.abs(j.real).max())
+
+
+def test_control_weight_has_no_slope_at_the_nominal(oracle, states):
+    x = states(1, 12)[:, 0].astype(complex)
+    slopes = [oracle.cost(x, first_sample(1e-30j), DT, effort=effort).imag for effort in (True, False)]
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-12)
+
+
+def test_near_the_continuous_integral(oracle, states):
+    """Against the cost integrated with the flow by DOP853: what is left is the quadrature's h^2."""
+
+    def cost(x, u):
+        total, y = 0.0, np.append(x, 0.0)
+        for control, span in ((u, DT), (0.0, (STEPS - 1) * DT)):
+
+            def rates(_, y, control=control):
+                wrapped = math.remainder(y[0], 2 * math.pi)
+                running = 0.5 * (oracle.q[0] * wrapped**2 + oracle.q[2] * y[2] ** 2 + oracle.q[3] * y[3] ** 2)
+                return np.append(oracle.flow(y[:4], control), running)
+
+            y = solve_ivp(rates, (0.0, span), y, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        return total + y[4]
+
+    criterion, scale = criteria("nominal"), 1e-3
+    for x in states(6, 13).T * 0.3:
+        slope = (cost(x, 5.0 * scale) - cost(x, -5.0 * scale)) / (2 * scale)
+        assert criterion(x, np.array([5.0])) == pytest.approx(slope, rel=2e-3, abs=1e-3)
+
+
+def test_half_space(states):
+    """Along the nominal trajectory the criterion is linear in the control."""
+    criterion = criteria("nominal")
+    for x in states(100, 14).T:
+        unit = criterion(x, np.ones(1))
+        for u in (-30.0, -1.0, 0.0, 1e-3, 7.0):
+            assert criterion(x, np.array([u])) == pytest.approx(u * unit, rel=1e-12, abs=1e-300)
+
+
+@pytest.mark.parametrize("theta", [math.pi, -math.pi, 3.0 * math.pi])
+@pytest.mark.parametrize("u", [1e-6, 0.1, 20.0])
+def test_kink_at_rest(oracle, theta, u):
+    """Hanging exactly at rest both pushes lower the cost, and the criterion is the one-sided slope of each."""
+    criterion = criteria("nominal")
+    x = np.array([theta, 0.0, 0.0, 0.0])
+    right, left = criterion(x, np.array([u])), criterion(x, np.array([-u]))
+    assert right == left < 0.0
+    s, wide = np.longdouble(1e-7), x.astype(np.longdouble)
+    push = [oracle.cost(wide, first_sample(s * k * u), DT) for k in (0, 1, 2)]
+    slope = float((-3 * push[0] + 4 * push[1] - push[2]) / (2 * s))
+    # At 3 pi the wide number is not quite a whole turn from pi, which the stencil sees.
+    assert right == pytest.approx(slope, rel=1e-5)
+
+
+def test_mirror(states):
+    """(x, u) -> (-x, -u) changes nothing, to the last bit."""
+    for along in ALONG:
+        criterion = criteria(along)
+        for x in states(100, 15).T:
+            assert criterion(x, np.array([3.0])) == criterion(-x, np.array([-3.0]))
+
+
+def test_whole_turns_do_not_matter(states):
+    criterion = criteria("nominal")
+    for x in states(50, 16).T:
+        turned = x + np.array([4.0 * math.pi, 0.0, 0.0, 0.0])
+        assert criterion(turned, np.ones(1)) == pytest.approx(criterion(x, np.ones(1)), rel=1e-9, abs=1e-9)
+
+
+def test_public_entry(states):
+    x = states(1, 17)[:, 0]
+    for along in ALONG:
+        value = mig_integral(TASK, COST, list(x), [4.0], horizon=STEPS * DT, dt=DT, adjoint_along=along)
+        assert value == criteria(along)(x, np.array([4.0]))
+    assert mig_integral(TASK, COST, x, 4.0, horizon=STEPS * DT, dt=DT) == criteria("nominal")(x, np.array([4.0]))
+
+
+finite = st.floats(-1e3, 1e3)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.tuples(finite, finite, finite, finite), finite, st.sampled_from(ALONG))
+def test_finite_in_finite_out(x, u, along):
+    assert math.isfinite(criteria(along)(np.array(x), np.array([u])))
+
+
+def test_one_sample_is_the_shortest_horizon():
+    assert samples(0.01, 0.01) == 1
+    assert samples(1.5, 0.01) == 150
+    for horizon, dt in ((0.0, 0.01), (math.nan, 0.01), (math.inf, 0.01), (1.0, 0.0)):
+        with pytest.raises(ParameterError, match="horizon"):
+            samples(horizon, dt)
+    with pytest.raises(ParameterError, match="adjoint_along"):
+        mig_integral(TASK, COST, np.zeros(4), 1.0, horizon=1.0, dt=0.01, adjoint_along="optimal")

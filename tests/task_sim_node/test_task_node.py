@@ -1,0 +1,124 @@
+"""The pacemaker alone, with the test in the place of the rest of the loop."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from mig_interfaces.msg import EndEffectorState, TaskState, TrialState
+from mig_interfaces.srv import AbortTrial, StartTrial
+from rig_runtime import topics
+from shared_control.parameters import ParameterError
+from std_srvs.srv import Trigger
+from task_sim_node.node import TaskSimNode
+
+LOCKSTEP = ("pacing:=lockstep", "duration:=0.1", "required_nodes:=['']")
+
+
+class Bench:
+    """The pacemaker, and a robot that accelerates as it is told."""
+
+    def __init__(self, graph: Any, *parameters: str, answer: bool = True) -> None:
+        self.graph = graph
+        self.states: list[TaskState] = []
+        self.trials: list[TrialState] = graph.collect(topics.TRIAL_STATE)
+        self.motions = graph.publisher(topics.END_EFFECTOR)
+        self.answers = answer
+        graph.node.create_subscription(TaskState, topics.TASK_STATE.name, self._on_state, topics.TASK_STATE.qos)
+        self.node = graph.make(TaskSimNode, "autostart:=false", *parameters)
+        graph.until(lambda: all(self._counts()))
+
+    def _counts(self) -> list[int]:
+        report = self.node.make_report()
+        return [*report.matched_subscriptions, *report.matched_publishers, self.motions.get_subscription_count()]
+
+    def _on_state(self, state: TaskState) -> None:
+        self.states.append(state)
+        if self.answers:
+            motion = EndEffectorState(tick=state.tick)
+            motion.header.stamp = state.header.stamp
+            motion.acceleration.x = 1.0
+            self.motions.publish(motion)
+
+    def start(self, **request: Any) -> StartTrial.Response:
+        return self.graph.call(StartTrial, topics.START_SERVICE, StartTrial.Request(**request))
+
+    def ended(self) -> bool:
+        return bool(self.trials) and self.trials[-1].phase in (TrialState.PHASE_FINISHED, TrialState.PHASE_ABORTED)
+
+    def run(self, **request: Any) -> list[TaskState]:
+        assert self.start(**request).success
+        self.graph.until(self.ended)
+        return self.states
+
+
+def test_a_lockstep_trial_has_every_tick_once(graph: Any) -> None:
+    bench = Bench(graph, *LOCKSTEP)
+    states = bench.run(subject="S1", group="training", set="2", trial=7, seed=9)
+    assert [s.tick for s in states] == list(range(10))
+    assert [s.header.stamp.sec * 10**9 + s.header.stamp.nanosec for s in states] == [
+        10**9 + k * 10**7 for k in range(10)
+    ]
+    assert not any(s.held for s in states)
+    assert [list(s.control) for s in states] == [[0.0]] + [[1.0]] * 9
+    assert states[0].state[0] == pytest.approx(math.pi, abs=0.05)
+    trial = bench.trials[-1]
+    assert (trial.phase, trial.ticks_published, trial.ticks_planned) == (TrialState.PHASE_FINISHED, 10, 10)
+    assert (trial.subject, trial.group, trial.set, trial.trial, trial.seed) == ("S1", "training", "2", 7, 9)
+    assert trial.state_names[0] == "theta"
+    assert len(trial.state_units) == len(trial.state_names) == 4
+
+
+def test_the_same_trial_again_is_the_same(single_graph: Any) -> None:
+    bench = Bench(single_graph, *LOCKSTEP)
+    first = [list(s.state) for s in bench.run()]
+    bench.states.clear()
+    bench.trials.clear()
+    assert [list(s.state) for s in bench.run()] == first
+
+
+def test_in_real_time_silence_is_held_then_zeroed_and_counted(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "duration:=0.15", "required_nodes:=['']", answer=False)
+    states = bench.run()
+    assert [s.tick for s in states] == list(range(15))
+    assert all(s.held for s in states[1:])
+    assert [s.missed_deadlines for s in states] == list(range(15))
+    assert bench.trials[-1].missed_deadlines == 15
+
+
+def test_lockstep_that_stands_still_is_aborted_with_the_name_of_who_is_missing(single_graph: Any) -> None:
+    bench = Bench(single_graph, *LOCKSTEP, "lockstep_timeout:=0.3", answer=False)
+    bench.run()
+    assert bench.trials[-1].phase == TrialState.PHASE_ABORTED
+    assert "stood still" in bench.trials[-1].message
+
+
+def test_a_trial_waits_for_the_nodes_it_needs_and_says_so(single_graph: Any) -> None:
+    bench = Bench(single_graph, "pacing:=lockstep", "required_nodes:=['mig_filter']", "ready_timeout:=0.3")
+    bench.run()
+    assert bench.states == []
+    assert "/rig/mig_filter has not reported" in bench.trials[-1].message
+
+
+def test_services_start_abort_and_reset(single_graph: Any) -> None:
+    bench = Bench(single_graph, "pacing:=realtime", "duration:=60.0", "required_nodes:=['']")
+    assert bench.start().success
+    single_graph.until(lambda: len(bench.states) > 3)
+    again = bench.start()
+    assert not again.success
+    assert topics.ABORT_SERVICE in again.message
+    aborted = single_graph.call(AbortTrial, topics.ABORT_SERVICE, AbortTrial.Request(reason="enough"))
+    assert aborted.success
+    single_graph.until(bench.ended)
+    assert bench.trials[-1].message == "enough"
+    assert not single_graph.call(AbortTrial, topics.ABORT_SERVICE, AbortTrial.Request()).success
+    assert single_graph.call(Trigger, topics.RESET_SERVICE, Trigger.Request()).success
+    single_graph.until(lambda: bench.trials[-1].phase == TrialState.PHASE_IDLE)
+    assert not bench.start(duration=-1.0).success
+    assert bench.start(duration=0.05).uid == 2
+
+
+def test_a_bad_parameter_is_refused_by_name(single_graph: Any) -> None:
+    with pytest.raises(ParameterError, match=r"sample_time.*-0.01"):
+        single_graph.make(TaskSimNode, "sample_time:=-0.01")
