@@ -174,9 +174,7 @@ def main() -> int:
                 times.append(seconds(call, options.calls))
 
     base = statistics.median(next(iter(measured.values()))[1])
-    print(
-        f"cart-pendulum, horizon {options.horizon} s = {steps} steps; {options.runs} runs of {options.calls}"
-    )
+    print(f"cart-pendulum, horizon {options.horizon} s = {steps} steps; {options.runs} runs of {options.calls}")
     print(f"{'':42}{'p50 us':>10}{'least us':>10}{'x C':>8}")
     for title, (_, times) in measured.items():
         middle = statistics.median(times)

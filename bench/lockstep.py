@@ -1,4 +1,4 @@
-"""How fast the graph runs in lockstep, recorder included: `./rig run python bench/lockstep.py [--seeds N] [--processes]`.
+"""How fast the graph runs in lockstep, recorder included: `./rig run python bench/lockstep.py [--seeds N]`.
 
 Each row is one trial through `./rig up`; the factor is trial time over wall time, from the first tick to the last.
 """
@@ -26,7 +26,9 @@ def main() -> None:
     parser.add_argument("--processes", action="store_true", help="separate processes instead of one")
     parser.add_argument("--scenario", default="cart_pendulum_noise_assistance")
     arguments = parser.parse_args()
-    print(f"{'seed':>6} {'x real time':>12} {'ticks':>6} {'decisions':>9} {'success at':>10} {'rejected':>9} {'load':>6}")
+    print(
+        f"{'seed':>6} {'x real time':>12} {'ticks':>6} {'decisions':>9} {'success at':>10} {'rejected':>9} {'load':>6}"
+    )
     inverted = 0
     for seed in range(arguments.first, arguments.first + arguments.seeds):
         with tempfile.TemporaryDirectory() as folder:

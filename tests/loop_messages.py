@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from geometry_msgs.msg import WrenchStamped
+
 from mig_interfaces.msg import TaskState
 from rig_runtime.ticks import LOCKSTEP_EPOCH, to_stamp
 from rig_runtime.topics import SENSOR_FRAME, TASK_FRAME

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rig_bag
 import yaml
+
+import rig_bag
 from mig_interfaces.msg import RecorderState, TrialState
 from rig_bringup.compose import graph as graph_of
 from rig_runtime import topics

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from whole_graph import run_composed  # noqa: F401
+
 from rig_study.recorded import load
 from shared_control import measures
-from whole_graph import run_composed  # noqa: F401
 
 #: `bench/lockstep.py --seeds 10` runs all of the ten; these are the ones that the suite has time for.
 SEEDS = (101, 102)

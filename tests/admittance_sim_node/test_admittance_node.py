@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from loop_messages import SAMPLE, wrench
+
 from admittance_sim_node.node import AdmittanceSimNode
 from mig_interfaces.msg import EndEffectorState, TrialState
 from rig_runtime import topics
 from rig_runtime.ticks import LOCKSTEP_EPOCH, to_stamp
 from shared_control.parameters import ParameterError
-
-from loop_messages import SAMPLE, wrench
 
 
 def trial(phase: int, uid: int = 1) -> TrialState:

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from whole_graph import assert_same, data, sections
+
 import rig_bag
 from shared_control.trial import run_trial
-from whole_graph import assert_same, data, sections
 
 
 @pytest.mark.parametrize("mode", ["assistance", "training"])

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rig_bag
 import rosbags.highlevel
 from mcap.reader import make_reader
 from whole_graph import assert_same, data
+
+import rig_bag
 
 SHORT = ["--pacing", "lockstep", "--duration", "2", "--seed", "7"]
 

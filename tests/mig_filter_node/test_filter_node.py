@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mig_filter_node.node import MigFilterNode
-from mig_interfaces.msg import FilterDecision
+from loop_messages import state, wrench
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.parameter import Parameter
+
+from mig_filter_node.node import MigFilterNode
+from mig_interfaces.msg import FilterDecision
 from rig_runtime import topics
 from shared_control.parameters import ParameterError, declarations
 from shared_control.scenario import FilterConfig
-
-from loop_messages import state, wrench
 
 OUTPUTS = (topics.COMMAND, topics.DECISION, topics.ACCEPTED, topics.REJECTED, topics.REPLACED)
 

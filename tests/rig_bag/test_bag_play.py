@@ -58,11 +58,19 @@ class Clock:
 def test_the_stored_bytes_are_published(graph: Any, bag: Path) -> None:
     received: dict[str, list[bytes]] = {"/a": [], "/b": []}
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    for name, qos in (("/a", QoSProfile(depth=100)), ("/b", latched)):
+    readers = [
         graph.node.create_subscription(String, name, received[name].append, qos, raw=True)
+        for name, qos in (("/a", QoSProfile(depth=100)), ("/b", latched))
+    ]
     clock = Clock()
     player = Player(graph.node, bag, clock=clock)
-    graph.until(lambda: all(publisher.get_subscription_count() for publisher in player.publishers.values()))
+    writers = player.publishers.values()
+    graph.until(
+        lambda: (
+            all(reader.get_publisher_count() for reader in readers)
+            and all(writer.get_subscription_count() for writer in writers)
+        )
+    )
     assert player.play(clock.stop) == 10
     graph.until(lambda: sum(map(len, received.values())) == 10)
     for name, data in received.items():

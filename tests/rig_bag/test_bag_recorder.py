@@ -45,8 +45,11 @@ def _recorder(graph: Any, **values: Any) -> Any:
     return graph.add(RecorderNode(namespace="/rig", context=graph.context, parameter_overrides=_overrides(**values)))
 
 
-def _matched(recorder: RecorderNode, *topics: str) -> Callable[[], bool]:
-    return lambda: all(recorder.matched().get(topic, 0) > 0 for topic in topics)
+def _matched(recorder: RecorderNode, *publishers: Any) -> Callable[[], bool]:
+    """Whether both sides have found each other: a message sent before that may be lost."""
+    return lambda: all(
+        publisher.get_subscription_count() and recorder.matched().get(publisher.topic_name) for publisher in publishers
+    )
 
 
 def _written(recorder: Any) -> int:
@@ -65,7 +68,6 @@ class Loop:
         self.trial = graph.node.create_publisher(TrialState, "trial/state", LATCHED)
         self.states: list[RecorderState] = []
         graph.node.create_subscription(RecorderState, "recorder/state", self.states.append, LATCHED)
-        self.topics = [f"/rig/{name}" for name in [*LOOP, "trial/state"]]
 
     def announce(self, phase: int, ticks: int = 0) -> None:
         self.trial.publish(self._trial_state(phase, ticks))
@@ -93,7 +95,7 @@ def test_it_records_what_is_published(graph: Any, tmp_path: Path, task_state: Ca
     )
     assert recorder.topics_wanted() == ("/rig/task/state", "/text", "/rig/latched", "/rig/late")
     assert recorder.matched()["/rig/late"] == 0
-    graph.until(_matched(recorder, "/rig/task/state", "/text", "/rig/latched"))
+    graph.until(_matched(recorder, states, texts, latched))
     sent = [task_state(tick) for tick in range(20)]
     for message in sent:
         states.publish(message)
@@ -137,7 +139,7 @@ def test_a_lockstep_trial_ends_the_bag(graph: Any, tmp_path: Path, trial_state: 
     recorder = _recorder(
         graph, uri=str(tmp_path / "bag"), pacing="lockstep", progress_ticks=10, attachments=[str(scenario)]
     )
-    graph.until(_matched(recorder, *loop.topics))
+    graph.until(_matched(recorder, *loop.publishers.values(), loop.trial))
     loop.announce(TrialState.PHASE_ARMING)
     loop.announce(TrialState.PHASE_RUNNING)
     for tick in range(60):
@@ -171,7 +173,7 @@ def test_a_lockstep_trial_ends_the_bag(graph: Any, tmp_path: Path, trial_state: 
 def test_a_lost_tick_is_said(graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]) -> None:
     loop = Loop(graph, trial_state)
     recorder = _recorder(graph, uri=str(tmp_path / "bag"), settle_limit=0.1)
-    graph.until(_matched(recorder, *loop.topics))
+    graph.until(_matched(recorder, *loop.publishers.values(), loop.trial))
     loop.announce(TrialState.PHASE_RUNNING)
     for tick in range(10):
         loop.tick(tick, *(["mig_filter/decision"] if tick in (4, 9) else []))
@@ -237,7 +239,7 @@ def test_a_disk_that_fills_closes_the_bag_and_says_so(
     graph.node.create_subscription(RecorderState, "recorder/state", states.append, LATCHED)
     publisher = graph.node.create_publisher(String, "text", QoSProfile(depth=100))
     recorder = _recorder(graph, uri=str(tmp_path / "bag"), topics=["text"], follow_trial=False)
-    graph.until(_matched(recorder, "/rig/text"))
+    graph.until(_matched(recorder, publisher))
     write = os.pwrite
 
     def full(descriptor: int, data: bytes, offset: int) -> int:
@@ -262,7 +264,9 @@ def test_a_signal_leaves_a_closed_bag(
     graph = single_graph
     states: list[RecorderState] = []
     graph.node.create_subscription(RecorderState, "recorder/state", states.append, LATCHED)
-    publisher = graph.node.create_publisher(TaskState, "task/state", QoSProfile(depth=50))
+    # Latched: from here it cannot be seen when the other process has found this publisher.
+    latched = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = graph.node.create_publisher(TaskState, "task/state", latched)
     bag = tmp_path / "bag"
     process = subprocess.Popen(
         [
@@ -275,10 +279,9 @@ def test_a_signal_leaves_a_closed_bag(
         text=True,
     )
     try:
-        graph.until(lambda: publisher.get_subscription_count() > 0 and bool(states), limit=120.0)
         for tick in range(30):
             publisher.publish(task_state(tick))
-        graph.until(lambda: states[-1].messages == 30)
+        graph.until(lambda: bool(states) and states[-1].messages == 30, limit=120.0)
         process.send_signal(number)
         graph.until(lambda: process.poll() is not None, limit=120.0)
     finally:

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+
 from rig_bringup import up
 from rig_bringup.provision import machine
 from rig_bringup.provision.steps import failure_reason, mend_include_paths
@@ -98,9 +99,7 @@ def test_a_missing_compiler_is_named_with_a_remedy(tmp_path: Path, present: tupl
 def test_no_python_is_named(tmp_path: Path) -> None:
     environment = tools(tmp_path, "bash", "dirname", "cat")
     environment["RIG_PYTHON"] = "python4"
-    result = subprocess.run(
-        [str(ROOT / "rig"), "up"], env=environment, capture_output=True, text=True, check=False
-    )
+    result = subprocess.run([str(ROOT / "rig"), "up"], env=environment, capture_output=True, text=True, check=False)
     assert result.returncode == 1
     assert "no python4 on PATH" in result.stderr
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
+
 from rig_runtime.node import RigNode
 from shared_control.parameters import ParameterError, parameter
 

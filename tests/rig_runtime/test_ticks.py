@@ -6,6 +6,7 @@ from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rig_runtime.ticks import TickClock, TickMatcher, from_stamp, to_stamp
 
 

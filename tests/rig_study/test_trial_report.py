@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
+
 import rig_bag
 from mig_interfaces.msg import FilterDecision, TaskState, TrialState
-from rclpy.serialization import serialize_message
 from rig_study.recorded import TrialError, load
 from rig_study.trial_report import summarize, write_report
 
@@ -83,5 +84,5 @@ def test_the_same_bag_gives_the_same_page(tmp_path: Path) -> None:
 
 
 def test_a_bag_without_ticks_says_so(tmp_path: Path) -> None:
-    with pytest.raises(TrialError, match="holds no tick.*ran to its end"):
+    with pytest.raises(TrialError, match=r"holds no tick.*ran to its end"):
         load(write(tmp_path / "bag", 0))

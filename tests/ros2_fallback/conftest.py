@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool
 from ros2_fallback.cli import main
 
 #: [s] only ever waited for in full by a test that fails
-PATIENCE = 60.0
+PATIENCE = 240.0
 
 
 class Result(NamedTuple):
@@ -153,7 +153,7 @@ def rig(environment: dict[str, str]) -> Iterator[Rig]:
 
 @pytest.fixture
 def ros2(
-    environment: dict[str, str],  # noqa: ARG001 (for what it does to this process)
+    environment: dict[str, str],
     capsys: pytest.CaptureFixture[str],
 ) -> Callable[..., Result]:
     """Run the command in this process: saves the start of an interpreter and the import of rclpy."""

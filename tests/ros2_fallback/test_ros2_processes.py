@@ -29,7 +29,7 @@ def test_topic_hz(ros2_process: Start) -> None:
 
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
 def test_echo_ends_cleanly(signum: signal.Signals, ros2_process: Start) -> None:
-    process = ros2_process("topic", "echo", "/rig/wrench")
+    process = ros2_process("topic", "echo", "--no-lost-messages", "/rig/wrench")
     assert process.line() == "header:\n"
     process.send(signum)
     code, _, err = process.finish()
@@ -44,7 +44,7 @@ def test_waiting_ends_cleanly(ros2_process: Start) -> None:
 
 
 def test_reader_that_goes_away_ends_it_quietly(ros2_process: Start) -> None:
-    process = ros2_process("topic", "echo", "/rig/wrench")
+    process = ros2_process("topic", "echo", "--no-lost-messages", "/rig/wrench")
     process.line()
     process.stop_reading()
     assert process.finish() == (0, "", "")

@@ -85,7 +85,7 @@ def test_not_finite_never_passes(mode, bad):
 
 
 def test_state_near_a_singularity():
-    decision = make("training").decide(np.array([0.1, 1e300, 0.0, 1e300]), GOOD)
+    decision = make("training").decide(np.array([0.1, 0.0, 0.0, 1.7e308]), GOOD)
     assert decision.verdict == Verdict.REJECTED
     assert decision.reason == Reason.NON_FINITE_CRITERION
 

@@ -83,12 +83,12 @@ def test_schedule_runs_out_and_is_forgotten():
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e200])
 def test_unusable_state_gives_last_valid_schedule(bad):
     controller = make()
-    assert np.array_equal(controller.solve(np.array([0.0, bad, 0.0, 0.0])).control, [0.0])
+    assert np.array_equal(controller.solve(np.array([0.0, 0.0, bad, 0.0])).control, [0.0])
     good = controller.solve(np.array([0.3, 0.0, 0.0, 0.0]))
     assert good.usable
     second = controller.schedule[1]
     controller.advance()
-    lost = controller.solve(np.array([0.0, bad, 0.0, 0.0]))
+    lost = controller.solve(np.array([0.0, 0.0, bad, 0.0]))
     assert not lost.usable
     assert not lost.converged
     assert np.array_equal(lost.control, second)

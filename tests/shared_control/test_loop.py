@@ -45,7 +45,7 @@ def test_replace_adds_what_brings_the_net_to_the_controllers(agent, scenario):
     force = np.array([-8.0, 0.0, 0.0])
     decision, admitted, added = agent.decide(X, force)
     assert decision.verdict == loop.Verdict.REPLACED
-    assert np.array_equal(force + added, admitted)
+    assert force + added == pytest.approx(admitted, rel=1e-15)
     motion = loop.make_robot(scenario).step(admitted)
     assert motion.acceleration[0] == decision.applied_control[0]
 

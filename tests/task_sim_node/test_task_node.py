@@ -6,11 +6,12 @@ import math
 from typing import Any
 
 import pytest
+from std_srvs.srv import Trigger
+
 from mig_interfaces.msg import EndEffectorState, TaskState, TrialState
 from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_runtime import topics
 from shared_control.parameters import ParameterError
-from std_srvs.srv import Trigger
 from task_sim_node.node import TaskSimNode
 
 LOCKSTEP = ("pacing:=lockstep", "duration:=0.1", "required_nodes:=['']")

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from loop_messages import SAMPLE, state
+
 from mig_interfaces.msg import TrialState
 from rig_runtime import topics
 from shared_control.parameters import ParameterError
 from user_sim_node.node import UserSimNode
-
-from loop_messages import SAMPLE, state
 
 
 def forces(graph: Any, seed: int, uid: int, bench: dict[str, Any]) -> list[float]:

@@ -2,9 +2,8 @@
 
 import sys
 
-from rig_runtime.run import run
-
 from admittance_sim_node.node import AdmittanceSimNode
+from rig_runtime.run import run
 
 
 def main() -> None:

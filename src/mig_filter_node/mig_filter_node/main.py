@@ -2,9 +2,8 @@
 
 import sys
 
-from rig_runtime.run import run
-
 from mig_filter_node.node import MigFilterNode
+from rig_runtime.run import run
 
 
 def main() -> None:

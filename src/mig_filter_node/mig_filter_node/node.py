@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Header
+
 from mig_interfaces.msg import FilterDecision, TaskState, TrialState
 from rig_runtime import topics
 from rig_runtime.messages import set_vector
@@ -17,7 +19,6 @@ from shared_control.filter import Reason, Verdict
 from shared_control.loop import FilterOutcome, make_filter
 from shared_control.parameters import declarations
 from shared_control.scenario import FilterConfig, LoopConfig, Scenario
-from std_msgs.msg import Header
 
 #: Reasons that tell of something wrong, not of the user's action.
 _FAULTS = frozenset(reason for reason in Reason if reason >= Reason.NON_FINITE_WRENCH)
@@ -26,7 +27,7 @@ CONFIGURATIONS = (LoopConfig, FilterConfig)
 
 
 class MigFilterNode(RigNode):
-    """`task/state` and `force_sensor/wrench` in; `mig_filter/command`, the verdict's topic and `mig_filter/decision` out.
+    """`task/state`, `force_sensor/wrench` in; `mig_filter/command`, the verdict's topic, `mig_filter/decision` out.
 
     Every tick that has a state gets exactly one decision. A wrench that is missing for `command_timeout`, not finite or
     in another frame gets the safe command and the reason, never a silent pass.
@@ -126,9 +127,7 @@ class MigFilterNode(RigNode):
         set_vector(wrench.wrench.force, self._force)
         self._by_verdict[outcome.decision.verdict].publish(wrench)
 
-    def _publish_decision(
-        self, outcome: FilterOutcome, tick: Matched[TaskState, WrenchStamped], begin: int
-    ) -> None:
+    def _publish_decision(self, outcome: FilterOutcome, tick: Matched[TaskState, WrenchStamped], begin: int) -> None:
         decision, message = outcome.decision, self._decision
         message.header.stamp = tick.left.header.stamp
         message.header.frame_id = topics.SENSOR_FRAME

@@ -161,7 +161,7 @@ class BagMetadata:
 class _Dumper(yaml.SafeDumper):
     """Repeats what is equal instead of referring to it, which simpler readers do not follow."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+    def ignore_aliases(self, data: Any) -> bool:
         return True
 
 

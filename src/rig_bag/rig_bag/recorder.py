@@ -18,23 +18,24 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rcl_interfaces.msg import ParameterDescriptor
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from mig_interfaces.msg import RecorderState, TrialState
+from mig_interfaces.msg import NodeReport, RecorderState, TrialState
 from rig_bag import definitions
 from rig_bag.configuration import QUEUE_DEPTH, STATE_TOPIC, TRIAL_TOPIC, RecorderConfig
 from rig_bag.errors import BagError
-from rig_bag.process import run
 from rig_bag.qos import Qos
 from rig_bag.recording import Recording, Stream, Trial
 from rig_bag.writer import BagWriter
-from shared_control.parameters import build, declarations
+from rig_runtime.node import RigNode
+from rig_runtime.run import run
+from shared_control.parameters import ParameterError
+from shared_control.scenario import LoopConfig
 
 __all__ = ["RecorderNode", "main"]
 
@@ -43,7 +44,7 @@ _WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and betwee
 _SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
 
 
-class RecorderNode(Node):  # type: ignore[misc]
+class RecorderNode(RigNode):
     """Records topics into one bag, from construction until the trial ends, :meth:`close` is called, or the node is
     destroyed.
 
@@ -56,7 +57,7 @@ class RecorderNode(Node):  # type: ignore[misc]
     """
 
     def __init__(self, node_name: str = "recorder", **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
+        super().__init__(node_name, LoopConfig, RecorderConfig, follows_trial=False, **kwargs)
         #: Done when the bag is closed; the result is the reason.
         self.closed = Future()
         self.recording: Recording | None = None
@@ -74,20 +75,9 @@ class RecorderNode(Node):  # type: ignore[misc]
             super().destroy_node()
             raise
 
-    def _declare(self) -> RecorderConfig:
-        """Declare the parameters, all read-only, and check their values."""
-        values = {}
-        for declaration in declarations(RecorderConfig):
-            default = list(declaration.default) if declaration.is_array else declaration.default
-            descriptor = ParameterDescriptor(
-                description=declaration.description, additional_constraints=declaration.allowed(), read_only=True
-            )
-            values[declaration.name] = self.declare_parameter(declaration.name, default, descriptor).value
-        return build(RecorderConfig, values, f"node {self.get_fully_qualified_name()}")
-
     def _open(self) -> None:
-        self.config = config = self._declare()
-        pacing = self.declare_parameter("pacing", "realtime", ParameterDescriptor(read_only=True)).value
+        self.config = config = self.parameters.get(RecorderConfig)
+        pacing = self.parameters.get(LoopConfig).pacing
         regex, exclude = config.regex, config.exclude_regex
         try:
             self._pattern = re.compile(regex) if regex else None
@@ -155,6 +145,28 @@ class RecorderNode(Node):  # type: ignore[misc]
         for topic, subscription in self._subscriptions_of.items():
             result[topic] = subscription.get_publisher_count()
         return result
+
+    def make_report(self) -> NodeReport:
+        report = super().make_report()
+        # Of the listed topics, those of the loop must have a publisher before a trial starts; others may never get one.
+        names = {name for group in self.config.per_tick_topics for name in group.split("|") if name}
+        needed = {self.resolve_topic_name(name) for name in names} & set(self._wanted)
+        matched = {topic: count for topic, count in self.matched().items() if topic in needed}
+        report.subscribes, report.matched_publishers = list(matched), list(matched.values())
+        if self.recording is None:
+            report.error = f"its bag is closed: {self._reason}"
+        return report
+
+    def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
+        if self.recording is None:
+            return DiagnosticStatus.ERROR if self.failed else DiagnosticStatus.OK, self._reason, {}
+        lost = self.recording.lost()
+        values: dict[str, object] = {"messages": self.recording.writer.messages, "lost": lost, "bag": self.path}
+        return DiagnosticStatus.WARN if lost else DiagnosticStatus.OK, "recording", values
+
+    def finish(self) -> None:
+        self.close("the recorder was told to end")
+        self.exit_code = int(self.failed)
 
     # -- topics ------------------------------------------------------------------------------------------------------
 
@@ -231,7 +243,9 @@ class RecorderNode(Node):  # type: ignore[misc]
 
         def take_trial(data: bytes) -> None:
             take(data)
-            self._on_trial(deserialize_message(data, TrialState))
+            message = deserialize_message(data, TrialState)
+            self.follow_trial(message)
+            self._on_trial(message)
 
         return take_trial if self.config.follow_trial and topic == self._trial_topic else take
 
@@ -332,9 +346,17 @@ def _surroundings() -> dict[str, str]:
     }
 
 
-def main(args: list[str] | None = None) -> int:
+def make_recorder(**kwargs: Any) -> RecorderNode:
+    """A recorder for `rig_runtime.run`, which reports a bag that cannot be opened as it does a bad parameter."""
+    try:
+        return RecorderNode(**kwargs)
+    except BagError as error:
+        raise ParameterError(f"recorder: {error}") from error
+
+
+def main() -> int:
     """Entry point of ``ros2 run rig_bag recorder``."""
-    return run(RecorderNode, args, until_closed=False)
+    return run(make_recorder)
 
 
 if __name__ == "__main__":

@@ -243,7 +243,7 @@ class BagWriter:
                 self._write_yaml(metadata)
                 self._mcap.sync()
                 return
-            except OSError as error:  # noqa: PERF203
+            except OSError as error:
                 self._failed(error)
                 if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT) or not self._mcap.drop():
                     return

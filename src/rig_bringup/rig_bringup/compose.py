@@ -7,17 +7,16 @@ import sys
 
 from admittance_sim_node.node import AdmittanceSimNode
 from mig_filter_node.node import MigFilterNode
-from rig_bag.recorder import RecorderNode
-from rig_runtime.node import RigNode
-from rig_runtime.run import run
+from rig_bag.recorder import make_recorder
+from rig_runtime.run import NodeFactory, run
 from task_sim_node.node import TaskSimNode
 from user_sim_node.node import UserSimNode
 
 
-def graph(record: bool) -> list[type[RigNode]]:
+def graph(record: bool) -> list[NodeFactory]:
     """The nodes of the graph, in the order of the loop; the recorder first, so that it misses nothing."""
-    nodes: list[type[RigNode]] = [UserSimNode, MigFilterNode, AdmittanceSimNode, TaskSimNode]
-    return [RecorderNode, *nodes] if record else nodes
+    nodes: list[NodeFactory] = [UserSimNode, MigFilterNode, AdmittanceSimNode, TaskSimNode]
+    return [make_recorder, *nodes] if record else nodes
 
 
 def main() -> None:

@@ -6,10 +6,11 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from mig_interfaces.msg import RecorderState, TrialState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
+
+from mig_interfaces.msg import RecorderState, TrialState
 from rig_runtime import topics
 
 

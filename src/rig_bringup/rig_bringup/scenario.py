@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
 from rig_bag.configuration import RecorderConfig
 from shared_control import scenario as science
 from shared_control.parameters import ParameterError, build

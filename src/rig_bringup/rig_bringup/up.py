@@ -26,11 +26,15 @@ def parser() -> argparse.ArgumentParser:
     """The command line of `./rig up`."""
     result = argparse.ArgumentParser(
         prog="./rig up",
-        description="Run one trial on the live ROS 2 graph: start the nodes, wait until every endpoint is matched, run, "
+        description="Run one trial on the live ROS 2 graph: start the nodes, wait until all endpoints match, run, "
         "record to a bag, report. Ctrl-C at any moment leaves a closed, readable bag and no process behind.",
     )
-    result.add_argument("scenario", nargs="?", default=DEFAULT_SCENARIO, help="name under config/, or a path (%(default)s)")
-    result.add_argument("--pacing", choices=("realtime", "lockstep"), help="wall time, or as fast as the machine allows")
+    result.add_argument(
+        "scenario", nargs="?", default=DEFAULT_SCENARIO, help="name under config/, or a path (%(default)s)"
+    )
+    result.add_argument(
+        "--pacing", choices=("realtime", "lockstep"), help="wall time, or as fast as the machine allows"
+    )
     result.add_argument("--compose", action="store_true", help="all nodes in one process, on one executor")
     result.add_argument("--duration", type=float, metavar="S", help="length of the trial [s]")
     result.add_argument("--seed", type=int, metavar="N", help="seed of every random stream")
@@ -114,7 +118,6 @@ def _run(arguments: argparse.Namespace, files: list[Path], out: Path) -> int:
 def _watch(graph: GraphProcess, namespace: str) -> int:
     # Imported while the nodes start: it takes about as long as they do.
     from mig_interfaces.msg import TrialState
-
     from rig_bringup.monitor import Monitor
 
     line = _Line()
@@ -148,6 +151,8 @@ def _finish(bag: Path, out: Path, code: int, *, report: bool) -> int:
         if code != 130:
             print(f"no bag was written; the graph's output is in {out / 'graph.log'}", file=sys.stderr)
         return code or 1
+    from rig_bag import BagError
+    from rig_study.recorded import TrialError
     from rig_study.trial_report import summarize, write_report
 
     print(f"\nbag     {bag}")
@@ -155,7 +160,7 @@ def _finish(bag: Path, out: Path, code: int, *, report: bool) -> int:
         print(summarize(bag))
         if report:
             print(f"report  {write_report(bag, out / 'report.html')}")
-    except ValueError as error:
+    except (TrialError, BagError) as error:
         # A trial that was interrupted before its first tick has nothing to report.
         print(f"note: no report: {error}", file=sys.stderr)
     return code
@@ -171,7 +176,7 @@ class _Line:
 
     def show(self, text: str, *, last: bool = False) -> None:
         now = time.monotonic()
-        if text == self._last and not last or now < self._next and not last:
+        if (text == self._last and not last) or (now < self._next and not last):
             return
         self._last = text
         self._next = now + (0.1 if self._terminal else 5.0)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from mig_interfaces.msg import NodeReport, TrialState
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -15,6 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from mig_interfaces.msg import NodeReport, TrialState
 from rig_runtime import topics
 from rig_runtime.parameters import NodeParameters
 from rig_runtime.realtime import collect_garbage
@@ -53,14 +53,10 @@ class RigNode(Node):
         self._sample = 1
         self._last_report: NodeReport | None = None
         self._periods = 0
-        self._report_publisher = self.create_publisher(
-            NodeReport, topics.NODE_REPORT.name, topics.NODE_REPORT.qos
-        )
+        self._report_publisher = self.create_publisher(NodeReport, topics.NODE_REPORT.name, topics.NODE_REPORT.qos)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
         if follows_trial:
-            self.create_subscription(
-                TrialState, topics.TRIAL_STATE.name, self._follow_trial, topics.TRIAL_STATE.qos
-            )
+            self.create_subscription(TrialState, topics.TRIAL_STATE.name, self.follow_trial, topics.TRIAL_STATE.qos)
         self.create_timer(_REPORT_PERIOD, self._report_timer, clock=self.steady)
         self.create_timer(1.0, self.publish_diagnostics, clock=self.steady)
 
@@ -116,7 +112,8 @@ class RigNode(Node):
 
     # -- trials --------------------------------------------------------------------------------------------------
 
-    def _follow_trial(self, trial: TrialState) -> None:
+    def follow_trial(self, trial: TrialState) -> None:
+        """Take note of the trial's state; whoever does not follow the topic calls this."""
         was = self.trial
         self.trial = trial
         if trial.phase in (TrialState.PHASE_ARMING, TrialState.PHASE_RUNNING) and trial.uid != self.armed_uid:
@@ -149,9 +146,7 @@ class RigNode(Node):
 
     def make_report(self) -> NodeReport:
         """What this node has matched at this moment."""
-        report = NodeReport(
-            node=self.get_fully_qualified_name(), armed_uid=self.armed_uid, ticks_done=self.ticks_done
-        )
+        report = NodeReport(node=self.get_fully_qualified_name(), armed_uid=self.armed_uid, ticks_done=self.ticks_done)
         report.publishes = list(self._publishers_of_loop)
         report.matched_subscriptions = [p.get_subscription_count() for p in self._publishers_of_loop.values()]
         report.subscribes = list(self._subscriptions_of_loop)

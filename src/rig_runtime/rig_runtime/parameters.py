@@ -14,6 +14,7 @@ from rclpy.exceptions import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
 from shared_control.parameters import Declaration, ParameterError, build, declarations
 
 T = TypeVar("T")

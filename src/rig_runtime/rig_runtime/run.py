@@ -20,10 +20,10 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from shared_control.parameters import ParameterError
 
 from rig_runtime.node import RigNode
 from rig_runtime.realtime import freeze_garbage
+from shared_control.parameters import ParameterError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

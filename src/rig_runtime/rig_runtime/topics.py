@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
-from mig_interfaces.msg import EndEffectorState, FilterDecision, NodeReport, RecorderState, TaskState, TrialState
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from mig_interfaces.msg import EndEffectorState, FilterDecision, NodeReport, RecorderState, TaskState, TrialState
 
 #: Samples that a writer keeps for a slow reader. In lockstep the pacemaker stays within half of it (RECORDER_WINDOW).
 DEPTH = 200

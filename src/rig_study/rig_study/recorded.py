@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 import rig_bag
 
 Array = npt.NDArray[Any]
@@ -60,8 +61,9 @@ class RecordedTrial:
     @property
     def sample_time(self) -> float:
         """t_s [s]."""
-        # Durations are read as whole nanoseconds.
-        return float(self.trial.sample_time) * 1e-9
+        duration = self.trial.sample_time
+        # A table holds whole nanoseconds; a single message holds the two fields.
+        return float(duration.sec + 1e-9 * duration.nanosec if hasattr(duration, "sec") else 1e-9 * duration)
 
     def shares(self) -> dict[str, float]:
         """Share of each verdict among the decisions."""
@@ -79,6 +81,8 @@ def load(bag: str | Path) -> RecordedTrial:
     topics = rig_bag.read(bag)
     state, decision = _only(topics, "task/state", bag), _only(topics, "mig_filter/decision", bag)
     trial = _only(topics, "trial/state", bag)
+    if not len(trial):
+        raise TrialError(f"{bag} holds no state of the trial: it ended before it began")
     last = _row(trial, -1)
     if not len(state) or not len(decision):
         raise TrialError(f"{bag} holds no tick; the trial was {PHASES[last.phase]}: {last.message}")

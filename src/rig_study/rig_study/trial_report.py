@@ -7,9 +7,9 @@ import math
 from pathlib import Path
 
 import numpy as np
-from shared_control import measures
 
 from rig_study.recorded import MODES, PACINGS, PHASES, RecordedTrial, load
+from shared_control import measures
 
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -131,4 +131,3 @@ def _table(title: str, values: dict[str, str]) -> str:
 
 def _figure(title: str, caption: str, svg: str) -> str:
     return f"<h2>{title}</h2><figure>{svg}<figcaption>{caption}</figcaption></figure>"
-

@@ -25,7 +25,7 @@ def main(argv: Sequence[str]) -> Outcome:
     # A bag must be closed, so Ctrl-C has to arrive as what a Python program expects.
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    from rig_bag.cli import main as bag_main  # noqa: PLC0415 (it need not be there)
+    from rig_bag.cli import main as bag_main
 
     code: Outcome = bag_main(list(argv))
     return code

@@ -154,8 +154,8 @@ def _proto_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _proto(args: argparse.Namespace) -> Outcome:
     # Imported here: the other verbs need no message classes, which bring the ROS libraries with them.
-    from ros2_fallback.message_text import to_yaml  # noqa: PLC0415
-    from ros2_fallback.message_types import interface_class  # noqa: PLC0415
+    from ros2_fallback.message_text import to_yaml
+    from ros2_fallback.message_types import interface_class
 
     interface = interface_class(args.type)
     asked = getattr(interface, "Goal", None) or getattr(interface, "Request", None) or interface

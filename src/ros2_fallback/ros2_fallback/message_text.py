@@ -38,7 +38,7 @@ class FillError(CommandError):
 class _Dumper(yaml.SafeDumper):
     """Never abbreviates a repeated value by an anchor."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+    def ignore_aliases(self, data: Any) -> bool:
         return True
 
 

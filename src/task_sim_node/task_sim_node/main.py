@@ -3,7 +3,6 @@
 import sys
 
 from rig_runtime.run import run
-
 from task_sim_node.node import TaskSimNode
 
 

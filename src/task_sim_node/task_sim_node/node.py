@@ -8,24 +8,22 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Vector3
-from mig_interfaces.msg import EndEffectorState, TaskState, TrialState
-from mig_interfaces.srv import AbortTrial, StartTrial
 from rclpy.duration import Duration
 from rclpy.timer import Timer
+from std_srvs.srv import Trigger
+
+from mig_interfaces.msg import EndEffectorState, TaskState, TrialState
+from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.pacing import Advance, Pacemaker
 from rig_runtime.ticks import LOCKSTEP_EPOCH, NANOSECONDS, TickClock, from_stamp, to_nanoseconds, to_stamp
 from shared_control.loop import Motion, make_plant
 from shared_control.scenario import LoopConfig, Scenario, TaskConfig
-from std_srvs.srv import Trigger
-
 from task_sim_node.parameters import PacemakerConfig
-from task_sim_node.readiness import Readiness
+from task_sim_node.readiness import RECORDER, Readiness
 
 CONFIGURATIONS = (LoopConfig, TaskConfig, PacemakerConfig)
-
-_RECORDER = "recorder"
 
 
 class TaskSimNode(RigNode):
@@ -36,7 +34,7 @@ class TaskSimNode(RigNode):
         self._loop = self.parameters.get(LoopConfig)
         self._config = self.parameters.get(PacemakerConfig)
         self._agent = make_plant(Scenario(loop=self._loop, task=self.parameters.get(TaskConfig)), self._loop.seed)
-        self._records = _RECORDER in self._config.required_nodes
+        self._records = RECORDER in self._config.required_nodes
         self._sample = to_nanoseconds(self._loop.sample_time)
         self._pacemaker = Pacemaker(
             realtime=self._loop.pacing == "realtime",
@@ -250,7 +248,7 @@ class TaskSimNode(RigNode):
 
     def _culprit(self) -> str:
         if self._pacemaker.waits_for() == "recorder":
-            return f"{self._readiness.full_name(_RECORDER)} is more than {topics.RECORDER_WINDOW} ticks behind"
+            return f"{self._readiness.full_name(RECORDER)} is more than {topics.RECORDER_WINDOW} ticks behind"
         return self._readiness.slowest(self._pacemaker.tick)
 
     def _abort(self, reason: str) -> None:
@@ -265,9 +263,7 @@ class TaskSimNode(RigNode):
         elif not 0.0 <= request.duration <= 86400.0:
             response.message = f"duration = {request.duration} is not allowed; it must be from 0 to 86400 [s]"
         else:
-            self._begin(
-                request.subject, request.group, request.set, request.trial, request.seed, request.duration
-            )
+            self._begin(request.subject, request.group, request.set, request.trial, request.seed, request.duration)
             response.success, response.uid = True, self.trial.uid
             response.message = f"trial {self.trial.uid} is being armed"
         return response

@@ -9,6 +9,9 @@ from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.readiness import ReadinessGate, Report
 
+#: Name of the node that follows the loop and is no part of it.
+RECORDER = "recorder"
+
 
 class Readiness:
     """Feeds a :class:`ReadinessGate` from `trial/reports`."""
@@ -38,7 +41,7 @@ class Readiness:
 
     def slowest(self, tick: int) -> str:
         """The first node of the loop that has not answered `tick`."""
-        return self._gate.slowest(self._loop, tick)
+        return self._gate.slowest([name for name in self._loop if name != self.full_name(RECORDER)], tick)
 
     def _on_report(self, message: NodeReport) -> None:
         if message.node != self._node.get_fully_qualified_name():

@@ -3,7 +3,6 @@
 import sys
 
 from rig_runtime.run import run
-
 from user_sim_node.node import UserSimNode
 
 

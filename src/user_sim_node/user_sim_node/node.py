@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
+
 from mig_interfaces.msg import TaskState, TrialState
 from rig_runtime import topics
 from rig_runtime.node import RigNode

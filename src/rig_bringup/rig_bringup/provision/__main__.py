@@ -74,9 +74,7 @@ def _perform(step: Step, number: int, count: int, places: Places) -> None:
         if run_logged(command, log, environment) != 0:
             text = log.read_text(errors="replace")
             tail = "\n".join(f"    {line}" for line in text.splitlines()[-15:])
-            raise MachineError(
-                f"{step.title} failed: {failure_reason(text)}\n{tail}\n  whole log: {log}"
-            )
+            raise MachineError(f"{step.title} failed: {failure_reason(text)}\n{tail}\n  whole log: {log}")
 
     with _Progress(f"[{number}/{count}] {step.title}", log):
         step.act(run)
@@ -108,7 +106,12 @@ class _Progress:
 
     def _show(self) -> None:
         while not self._over.wait(0.5):
-            print(f"\r\033[K{self._title} {time.monotonic() - self._begin:4.0f} s  {self._newest()}", end="", file=sys.stderr, flush=True)
+            print(
+                f"\r\033[K{self._title} {time.monotonic() - self._begin:4.0f} s  {self._newest()}",
+                end="",
+                file=sys.stderr,
+                flush=True,
+            )
 
     def _newest(self) -> str:
         with self._log.open("rb") as log:

@@ -46,7 +46,9 @@ def _scheduling() -> Finding:
         os.sched_setscheduler(0, policy, os.sched_param(0))
         return Finding("real-time scheduling", True, "SCHED_FIFO is permitted")
     except OSError:
-        remedy = "for fewer late ticks, allow it: '@realtime - rtprio 90' in /etc/security/limits.conf, then log in again"
+        remedy = (
+            "for fewer late ticks, allow it: '@realtime - rtprio 90' in /etc/security/limits.conf, then log in again"
+        )
         return Finding("real-time scheduling", False, "SCHED_FIFO is not permitted", remedy)
 
 

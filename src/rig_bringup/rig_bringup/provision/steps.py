@@ -81,16 +81,19 @@ def steps(places: Places) -> list[Step]:
         )
         files.insert(0, support.name)
     lists = [places.requirements / name for name in files]
-    found.append(
-        Step("packages", "Python packages", _digest([route], lists), lambda run: _install(places, lists, run))
-    )
+    found.append(Step("packages", "Python packages", _digest([route], lists), lambda run: _install(places, lists, run)))
     build = [*_build_inputs(places.source)]
     found.append(
         Step("build", "workspace (colcon build)", _digest([route], build), lambda run: _build(places, wheels, run))
     )
     science = sorted((places.source / "shared_control").rglob("*.py"))
     found.append(
-        Step("kernels", "compiled kernels (numba cache)", _digest([route], science), lambda run: _warm(places, science, run))
+        Step(
+            "kernels",
+            "compiled kernels (numba cache)",
+            _digest([route], science),
+            lambda run: _warm(places, science, run),
+        )
     )
     return found
 
@@ -123,7 +126,7 @@ def _pip(places: Places, *arguments: str) -> list[str]:
 
 
 def _get(places: Places, arguments: list[str], run: Run) -> None:
-    """Install packages: with uv, which takes a third of pip's time, or with pip where uv cannot (its settings differ)."""
+    """Install packages: with uv, which takes a third of pip's time, or with pip where uv cannot."""
     try:
         if not (places.venv / "bin" / "uv").exists():
             run(_pip(places, "install", "uv>=0.5,<1"))
@@ -168,10 +171,9 @@ def _build(places: Places, wheels: bool, run: Run) -> None:
             f"CMAKE_PREFIX_PATH={places.venv}",
         ]
     colcon = ["python", "-m", "colcon"] if wheels else ["colcon"]
-    run(
-        ["env", "-C", str(places.workspace), *environment, *colcon, "build", "--symlink-install"]
-        + ["--event-handlers", "console_direct+", "--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev"]
-    )
+    colcon += ["build", "--symlink-install", "--event-handlers", "console_direct+"]
+    options = ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev"]
+    run(["env", "-C", str(places.workspace), *environment, *colcon, *options])
 
 
 def _warm(places: Places, science: list[Path], run: Run) -> None:

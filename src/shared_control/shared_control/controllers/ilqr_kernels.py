@@ -24,8 +24,10 @@ CURVATURE_LEAST = 1e-9
 HALVINGS = 6
 #: A step counts if it gains at least this share of what the quadratic model promised.
 GAIN_LEAST = 1e-4
-#: Sweeps of the coordinate search for the box-constrained control; one is exact for a single input.
-SWEEPS = 20
+#: Most sweeps of the coordinate search for the boxed control, and the share of the box at which it has settled.
+#: For a single input one sweep is exact.
+SWEEPS = 200
+SETTLED = 1e-12
 
 
 @jit
@@ -80,12 +82,17 @@ def _box_step(quu: Array, qu: Array, low: Array, high: Array, du: Array, free: A
     m = len(du)
     for j in range(m):
         du[j] = min(max(0.0, low[j]), high[j])
-    for _ in range(1 if m == 1 else SWEEPS):
+    for _ in range(SWEEPS):
+        moved = 0.0
         for j in range(m):
             slope = qu[j]
             for i in range(m):
                 slope += quu[j, i] * du[i]
-            du[j] = min(max(du[j] - slope / quu[j, j], low[j]), high[j])
+            new = min(max(du[j] - slope / quu[j, j], low[j]), high[j])
+            moved = max(moved, abs(new - du[j]) / (high[j] - low[j]))
+            du[j] = new
+        if m == 1 or moved <= SETTLED:
+            break
     for j in range(m):
         slope = qu[j]
         for i in range(m):
