@@ -115,7 +115,7 @@ def test_mode_changes_in_flight_on_the_next_tick(graph: Any) -> None:
 def test_what_cannot_be_judged_is_never_passed(
     single_graph: Any, mode: str, force: float, frame: str, reason: int
 ) -> None:
-    bench = Bench(single_graph, f"mode:={mode}", "pacing:=lockstep")
+    bench = Bench(single_graph, f"mode:='{mode}'", "pacing:=lockstep")
     decision = bench.decide(0, force, frame=frame)
     if mode == "off" and reason == FilterDecision.REASON_NULL_ACTION:
         reason = FilterDecision.REASON_FILTER_OFF

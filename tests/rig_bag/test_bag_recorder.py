@@ -289,6 +289,6 @@ def test_a_signal_leaves_a_closed_bag(
         _, errors = process.communicate()
     assert process.returncode == 0, errors
     assert len(read(bag)["/rig/task/state"]) == 30
-    assert info(bag).metadata.custom_data["closed_because"] == signal.Signals(number).name
+    assert info(bag).metadata.custom_data["closed_because"] == "the recorder was told to end"
     with AnyReader([bag]) as reader:
         assert reader.message_count == 30

@@ -51,6 +51,7 @@ class Bench:
     def run(self, **request: Any) -> list[TaskState]:
         assert self.start(**request).success
         self.graph.until(self.ended)
+        self.graph.until(lambda: len(self.states) == self.trials[-1].ticks_published)
         return self.states
 
 

@@ -43,7 +43,7 @@ REPORT_QOS = QoSProfile(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Topic:
     """A topic of the loop."""
 

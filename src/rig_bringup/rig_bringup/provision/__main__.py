@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import sys
@@ -18,6 +19,9 @@ def main() -> int:
     places = Places(Path(sys.argv[1]).resolve())
     places.state.mkdir(exist_ok=True)
     done_file = places.state / "done.json"
+    # Two commands at once set up one after the other; the second then finds nothing to do.
+    lock = (places.state / "lock").open("w")
+    fcntl.flock(lock, fcntl.LOCK_EX)
     try:
         done = _read(done_file)
         todo = _to_do(steps(places), done, places)
