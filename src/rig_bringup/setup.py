@@ -1,13 +1,8 @@
-import os
-from pathlib import Path
+from glob import glob
 
 from setuptools import find_packages, setup
 
 NAME = "rig_bringup"
-
-# The workspace builds this package from a folder of links: the checkout is found from where the link leads, and named
-# from where the build runs, since data files must be relative.
-CONFIG = Path(__file__).resolve().parent.parent.parent / "config"
 
 setup(
     name=NAME,
@@ -22,7 +17,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", ["launch/rig.launch.py"]),
-        (f"share/{NAME}/config", sorted(os.path.relpath(path) for path in CONFIG.glob("*.yaml"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
     install_requires=["setuptools"],
     zip_safe=True,

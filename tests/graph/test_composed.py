@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +13,13 @@ import rig_bag
 from shared_control.trial import run_trial
 
 
-@pytest.mark.parametrize("mode", ["assistance", "training"])
+@pytest.mark.parametrize(
+    ("mode", "executor"), [("assistance", "events"), ("training", "events"), ("assistance", "single")]
+)
 def test_lockstep_equals_the_headless_trial_exactly(
-    graph: Any, run_composed: Callable[..., Path], tmp_path: Path, mode: str
+    run_composed: Callable[..., Path], tmp_path: Path, mode: str, executor: str
 ) -> None:
-    got = data(run_composed(graph, "bag", mode))
+    got = data(run_composed("bag", mode, executor))
     science = {key: value for key, value in sections(tmp_path, mode).items() if "recorder" not in key}
     del science["/**/task_sim"]
     headless = run_trial(science, 7)
@@ -32,18 +33,19 @@ def test_lockstep_equals_the_headless_trial_exactly(
 
 
 def test_lockstep_runs_are_identical_with_one_seed_and_differ_with_another(
-    single_graph: Any, run_composed: Callable[..., Path]
+    run_composed: Callable[..., Path],
 ) -> None:
-    first = data(run_composed(single_graph, "first"))
-    assert_same(first, data(run_composed(single_graph, "again")))
-    other = data(run_composed(single_graph, "other", seed=8))
+    first = data(run_composed("first"))
+    assert_same(first, data(run_composed("again")))
+    other = data(run_composed("other", seed=8))
     assert not np.array_equal(
         first["/rig/force_sensor/wrench"]["wrench.force"], other["/rig/force_sensor/wrench"]["wrench.force"]
     )
 
 
-def test_realtime_has_every_tick_and_every_decision(graph: Any, run_composed: Callable[..., Path]) -> None:
-    bag = run_composed(graph, "bag", pacing="realtime", duration=1.0)
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_realtime_has_every_tick_and_every_decision(run_composed: Callable[..., Path], executor: str) -> None:
+    bag = run_composed("bag", executor=executor, pacing="realtime", duration=1.0)
     got = data(bag)
     for topic in ("task/state", "force_sensor/wrench", "mig_filter/command", "mig_filter/decision"):
         assert len(got[f"/rig/{topic}"]) == 100, topic

@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from functools import partial
 
 import rclpy
 from rclpy.parameter import Parameter
@@ -16,9 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from rig_bag.describe import describe
 from rig_bag.errors import BagError
 from rig_bag.player import Player
-from rig_bag.process import run
 from rig_bag.reader import info
-from rig_bag.recorder import RecorderNode
+from rig_bag.recorder import make_recorder
+from rig_runtime.run import run
 
 __all__ = ["main"]
 
@@ -88,11 +89,10 @@ def _record(arguments: argparse.Namespace) -> int:
         "follow_trial": False,
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]
-    return run(
-        lambda: RecorderNode(arguments.node_name, parameter_overrides=overrides, use_global_arguments=False),
-        [],
-        until_closed=False,
+    recorder = partial(
+        make_recorder, node_name=arguments.node_name, parameter_overrides=overrides, use_global_arguments=False
     )
+    return run(recorder, args=[])
 
 
 def _info(arguments: argparse.Namespace) -> int:

@@ -4,31 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rig_runtime import topics
 from shared_control.parameters import parameter
 
-__all__ = ["PER_TICK_TOPICS", "QUEUE_DEPTH", "STATE_TOPIC", "TOPICS", "TRIAL_TOPIC", "RecorderConfig"]
+__all__ = ["QUEUE_DEPTH", "RecorderConfig"]
 
-TRIAL_TOPIC = "trial/state"
-STATE_TOPIC = "recorder/state"
-_LOOP = (
-    "task/state",
-    "force_sensor/wrench",
-    "mig_filter/command",
-    "mig_filter/decision",
-    "admittance/end_effector",
-)
-_BY_VERDICT = ("mig_filter/accepted", "mig_filter/rejected", "mig_filter/replaced")
-#: One message a tick on each; the three by verdict have it together.
-PER_TICK_TOPICS = (*_LOOP, "|".join(_BY_VERDICT))
-TOPICS = (
-    *_LOOP,
-    *_BY_VERDICT,
-    TRIAL_TOPIC,
-    "trial/reports",
-    "task/joint_states",
-    "task/markers",
-    "/diagnostics",
-)
+_PER_TICK = tuple(topic.name for topic in topics.PER_TICK)
+_BY_VERDICT = tuple(topic.name for topic in topics.BY_VERDICT)
+_BESIDES = (topics.TRIAL_STATE.name, topics.NODE_REPORT.name, "task/joint_states", "task/markers", "/diagnostics")
+
 #: [messages] that wait in the middleware while the recorder is busy; in lockstep the pacemaker stays within it.
 QUEUE_DEPTH = 1000
 
@@ -38,12 +22,15 @@ class RecorderConfig:
     """What is recorded, where to, and how progress is reported. An empty string in a list stands for nothing."""
 
     uri: str = parameter("", "directory of the bag; empty: rosbag2_ and the time, in the current directory")
-    topics: tuple[str, ...] = parameter(TOPICS, "topics to record; relative names are taken in the node's namespace")
+    topics: tuple[str, ...] = parameter(
+        (*_PER_TICK, *_BY_VERDICT, *_BESIDES),
+        "topics to record; relative names are taken in the node's namespace",
+    )
     regex: str = parameter("", "record also the topics whose full name contains a match of this")
     exclude_regex: str = parameter("", "of the topics found by regex or all, leave these out")
     all: bool = parameter(False, "record every topic that is not hidden")
     per_tick_topics: tuple[str, ...] = parameter(
-        PER_TICK_TOPICS,
+        (*_PER_TICK, "|".join(_BY_VERDICT)),
         "topics with one message a tick, whose stamps define progress; a|b: one on either, checked only",
     )
     follow_trial: bool = parameter(True, "record trial/state, and close the bag when the trial has ended")

@@ -27,11 +27,12 @@ from rclpy.task import Future
 
 from mig_interfaces.msg import NodeReport, RecorderState, TrialState
 from rig_bag import definitions
-from rig_bag.configuration import QUEUE_DEPTH, STATE_TOPIC, TRIAL_TOPIC, RecorderConfig
+from rig_bag.configuration import QUEUE_DEPTH, RecorderConfig
 from rig_bag.errors import BagError
 from rig_bag.qos import Qos
 from rig_bag.recording import Recording, Stream, Trial
 from rig_bag.writer import BagWriter
+from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
 from shared_control.parameters import ParameterError
@@ -84,7 +85,7 @@ class RecorderNode(RigNode):
             self._exclude = re.compile(exclude) if exclude else None
         except re.error as error:
             raise BagError(f"{regex or exclude!r} is not a regular expression: {error}") from error
-        self._trial_topic = self.resolve_topic_name(TRIAL_TOPIC)
+        self._trial_topic = self.resolve_topic_name(topics.TRIAL_STATE.name)
         self._wanted = [self.resolve_topic_name(topic) for topic in config.topics if topic]
         if config.follow_trial and self._trial_topic not in self._wanted:
             self._wanted.append(self._trial_topic)
@@ -107,13 +108,8 @@ class RecorderNode(RigNode):
         atexit.register(self.close, "the process ended")
         for name in filter(None, config.attachments):
             self._attach(writer, Path(name))
-        latched = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=1,
-            reliability=ReliabilityPolicy.RELIABLE,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL,
-        )
-        self._publisher = self.create_publisher(RecorderState, STATE_TOPIC, latched)
+        announced = topics.RECORDER_STATE
+        self._publisher = self.create_publisher(announced.type, announced.name, announced.qos)
         self._state = RecorderState(uri=str(self.path))
         self._publish_state()
         clock = Clock(clock_type=ClockType.STEADY_TIME)

@@ -6,12 +6,12 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from mig_interfaces.msg import RecorderState, TrialState
 from rig_runtime import topics
+from rig_runtime.run import make_executor
 
 
 class Monitor:
@@ -21,7 +21,7 @@ class Monitor:
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("rig_monitor", namespace=namespace, context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = make_executor(self._context)
         self._executor.add_node(self._node)
         self._prefix = f"/{namespace}"
         self.trial: TrialState | None = None

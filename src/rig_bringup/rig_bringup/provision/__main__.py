@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from rig_bringup.provision.machine import MachineError, needed_to_build, require
-from rig_bringup.provision.steps import Places, Step, failure_reason, run_logged, steps
+from rig_bringup.provision.steps import Places, Step, failure_reason, run_logged, steps, write_environment
 
 
 def main() -> int:
@@ -25,15 +25,15 @@ def main() -> int:
     try:
         done = _read(done_file)
         todo = _to_do(steps(places), done, places)
-        if not todo:
-            return 0
-        require(needed_to_build(places.root))
+        if todo:
+            require(needed_to_build(places.root))
         for number, step in enumerate(todo, 1):
             done.pop(step.name, None)
             _write(done_file, done)
             _perform(step, number, len(todo), places)
             done[step.name] = step.digest
             _write(done_file, done)
+        write_environment(places)
     except MachineError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -92,7 +92,7 @@ def steps(places: Places) -> list[Step]:
             "kernels",
             "compiled kernels (numba cache)",
             _digest([route], science),
-            lambda run: _warm(places, science, run),
+            lambda run: _warm(places, run),
         )
     )
     return found
@@ -163,9 +163,10 @@ def mend_include_paths(prefix: Path, packages: Path) -> int:
 
 
 def _build(places: Places, wheels: bool, run: Run) -> None:
-    environment = []
+    # colcon alone would let make hold back by the machine's load, and a busy machine would build on one core.
+    environment = [f"MAKEFLAGS={os.environ.get('MAKEFLAGS') or f'-j{os.cpu_count()}'}"]
     if wheels:
-        environment = [
+        environment += [
             f"PATH={places.venv / 'bin'}:{os.environ.get('PATH', '')}",
             f"AMENT_PREFIX_PATH={places.venv}",
             f"CMAKE_PREFIX_PATH={places.venv}",
@@ -176,16 +177,15 @@ def _build(places: Places, wheels: bool, run: Run) -> None:
     run(["env", "-C", str(places.workspace), *environment, *colcon, *options])
 
 
-def _warm(places: Places, science: list[Path], run: Run) -> None:
-    # The cache does not notice a change in a file that a kernel was inlined from, so each version has its own.
-    kernels = places.state / "numba" / _digest([], science)[:16]
-    write_environment(places, kernels)
+def _warm(places: Places, run: Run) -> None:
+    # Needed by the command below, before the set-up as a whole has come to its end.
+    write_environment(places)
     run([str(places.root / "rig"), "run", "python", "-m", "shared_control.warm_up"])
 
 
-def write_environment(places: Places, kernels: Path) -> None:
+def write_environment(places: Places) -> None:
     """Write `.rig/environment.sh`, which `./rig` sources: everything that a node needs, on either route."""
-    lines = [f"export NUMBA_CACHE_DIR={shlex.quote(str(kernels))}"]
+    lines = [f"export NUMBA_CACHE_DIR={shlex.quote(str(places.state / 'numba'))}"]
     if uses_wheels():
         libraries = [places.venv / "lib", *sorted(places.packages.glob("ros_*.libs"))]
         lines += [
