@@ -77,12 +77,13 @@ def test_plant_outcomes():
     assert plant.outcome == loop.FAILURE
 
 
-def test_plant_holds_and_coasts(scenario):
+def test_plant_goes_on_with_a_motion_held_and_coasts_without(scenario):
     plant, robot = loop.make_plant(scenario, 0), loop.make_robot(scenario)
     force = np.array([6.0, 0.0, 0.0])
-    plant.step(robot.step(force), force)
+    motion = robot.step(force)
+    plant.step(motion, force)
     assert plant.control == 3.0
-    plant.hold()
+    plant.step(motion, force)
     assert plant.control == 3.0
     assert plant.state[3] == pytest.approx(0.06)
     plant.coast()

@@ -35,28 +35,30 @@ class Pacemaker:
     missed: int = 0
     late: int = 0
     _start: int = 0
-    _closed: bool = False
-    _silent: int = 0
+    _newest: int = -1
     _recorded: int = -1
 
     def start(self, now: int) -> None:
         """Tick 0 is published at `now` [ns, steady clock]."""
-        self.tick = self.missed = self.late = self._silent = 0
+        self.tick = self.missed = self.late = 0
         self._start = now
-        self._closed = False
-        self._recorded = -1
+        self._newest = self._recorded = -1
 
     def due(self) -> int:
         """When the next tick is due in real time [ns, steady clock]."""
         return self._start + (self.tick + 1) * self.sample
 
-    def close(self, tick: int) -> bool:
-        """The motion of `tick` has come back; False if it is of no use any more, which is counted."""
-        if tick != self.tick or self._closed:
+    def take(self, tick: int) -> bool:
+        """The motion of `tick` has come back; False if it is of no use: it is not the newest, or of no tick yet.
+
+        One that comes after its tick has passed is counted as late, but it is what the robot did last, and is held.
+        """
+        news = self._newest < tick <= self.tick
+        if tick != self.tick or not news:
             self.late += 1
-            return False
-        self._closed = True
-        return True
+        if news:
+            self._newest = tick
+        return news
 
     def recorded(self, tick: int) -> None:
         """The recorder has every message up to `tick`."""
@@ -64,20 +66,19 @@ class Pacemaker:
 
     def waits_for(self) -> str:
         """What lockstep waits for: `loop` or `recorder`."""
-        return "recorder" if self._closed else "loop"
+        return "recorder" if self._newest == self.tick else "loop"
 
     def advance(self, now: int) -> Advance | None:
         """Go on to the next tick if it may come now, and say on what; None if it may not."""
+        closed = self._newest == self.tick
         if self.realtime:
             if now < self.due():
                 return None
-        elif not self._closed or (self.recorder_window and self.tick - self._recorded > self.recorder_window):
+        elif not closed or (self.recorder_window and self.tick - self._recorded > self.recorder_window):
             return None
         self.tick += 1
-        if self._closed:
-            self._closed = False
-            self._silent = 0
+        if closed:
             return Advance.MOTION
         self.missed += 1
-        self._silent += 1
-        return Advance.COAST if self._silent * self.sample >= self.command_timeout else Advance.HOLD
+        silent = self.tick - 1 - self._newest
+        return Advance.COAST if silent * self.sample >= self.command_timeout else Advance.HOLD

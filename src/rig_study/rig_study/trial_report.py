@@ -48,6 +48,10 @@ def rows(trial: RecordedTrial) -> dict[str, dict[str, str]]:
         "ticks, decisions": f"{trial.ticks_recorded}, {trial.decisions_recorded} of {state.ticks_planned}",
         "missed deadlines": str(state.missed_deadlines),
     }
+    if trial.ticks_recorded < state.ticks_published:
+        timing["missing in the bag"] = (
+            f"{state.ticks_published - trial.ticks_recorded} ticks; what is said is of the rest"
+        )
     if trial.realtime:
         timing |= {
             "decision, p50 / p99": _percentiles(trial.compute_time * 1e6, "us"),
@@ -61,7 +65,11 @@ def _percentiles(values: np.ndarray, unit: str, which: tuple[int, int] = (50, 99
     if not len(values):
         return "-"
     low, high = np.percentile(values, which)
-    return f"{low:.3g} / {high:.3g} {unit}"
+    return f"{_short(low)} / {_short(high)} {unit}"
+
+
+def _short(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
 def _measures(trial: RecordedTrial) -> dict[str, str]:
@@ -82,16 +90,19 @@ def _measures(trial: RecordedTrial) -> dict[str, str]:
 
 
 def summarize(bag: str | Path) -> str:
-    """The tables as text.
+    """The tables as text, one under the other.
 
     Raises
     ------
     TrialError, BagError: as :func:`rig_study.recorded.load`.
     """
-    lines = []
-    for group, values in rows(load(bag)).items():
-        lines.append(f"{group.lower():8}" + "".join(f"{key}: {value}; " for key, value in values.items()).rstrip("; "))
-    return "\n".join(lines)
+    tables = rows(load(bag))
+    width = max(len(key) for values in tables.values() for key in values)
+    return "\n".join(
+        f"{group if first else '':8}{key:{width}}  {value}"
+        for group, values in tables.items()
+        for first, (key, value) in ((index == 0, item) for index, item in enumerate(values.items()))
+    )
 
 
 def write_report(bag: str | Path, path: Path) -> Path:

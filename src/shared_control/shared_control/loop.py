@@ -184,10 +184,6 @@ class PlantAgent:
         """x_k+1 (n,), under the end effector's motion over the sample and the admitted force (3,) [N]."""
         return self._advance(self.task.control_from_motion(motion, self._robot, force))
 
-    def hold(self) -> Array:
-        """x_k+1 (n,) under the last control again, where no motion has come in time."""
-        return self._advance(self._u)
-
     def coast(self) -> Array:
         """x_k+1 (n,) under no control."""
         return self._advance(np.zeros(self.task.m))

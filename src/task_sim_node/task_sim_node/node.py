@@ -25,6 +25,10 @@ from task_sim_node.readiness import RECORDER, Readiness
 
 CONFIGURATIONS = (LoopConfig, TaskConfig, PacemakerConfig)
 
+#: [ticks] Most that are published in one go after a stall of the machine: what is beyond waits for the next period, so
+#: that readers keep up with a writer that keeps a bounded history.
+_BURST = topics.DEPTH // 10
+
 
 class TaskSimNode(RigNode):
     """`admittance/end_effector` in, `task/state` out; owns `trial/state` and serves `trial/start`, `abort`, `reset`."""
@@ -132,6 +136,8 @@ class TaskSimNode(RigNode):
     def arm(self, trial: TrialState) -> None:
         self._agent.reset(trial.seed)
         self._pacemaker.start(0)
+        self._motion = _Motion()
+        self._force[:] = 0.0
 
     def _on_ready_change(self) -> None:
         if self.trial.phase == TrialState.PHASE_ARMING and not self._readiness.missing(self.trial.uid):
@@ -175,7 +181,7 @@ class TaskSimNode(RigNode):
     def _on_motion(self, state: EndEffectorState) -> None:
         if self.trial.phase != TrialState.PHASE_RUNNING or self.tick_of(from_stamp(state.header.stamp)) != state.tick:
             self._pacemaker.late += 1
-        elif self._pacemaker.close(state.tick):
+        elif self._pacemaker.take(state.tick):
             _read(state.force, self._force)
             self._motion.read(state)
             if not self._pacemaker.realtime:
@@ -191,16 +197,16 @@ class TaskSimNode(RigNode):
                 self._tick()
 
     def _tick(self) -> None:
-        while self.trial.phase == TrialState.PHASE_RUNNING:
+        for _ in range(_BURST):
+            if self.trial.phase != TrialState.PHASE_RUNNING:
+                return
             advance = self._pacemaker.advance(time.monotonic_ns())
             if advance is None:
                 return
-            if advance is Advance.MOTION:
-                self._agent.step(self._motion.value, self._force)
-            elif advance is Advance.HOLD:
-                self._agent.hold()
-            else:
+            if advance is Advance.COAST:
                 self._agent.coast()
+            else:
+                self._agent.step(self._motion.value, self._force)
             if self._pacemaker.tick >= self._planned:
                 self._end(TrialState.PHASE_FINISHED, "ran to its end")
             else:
