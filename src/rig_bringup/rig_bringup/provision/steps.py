@@ -172,7 +172,7 @@ def _build(places: Places, wheels: bool, run: Run) -> None:
             f"CMAKE_PREFIX_PATH={places.venv}",
         ]
     colcon = ["python", "-m", "colcon"] if wheels else ["colcon"]
-    colcon += ["build", "--symlink-install", "--event-handlers", "console_direct+"]
+    colcon += ["build", "--symlink-install", "--event-handlers", "console_direct+", "event_log-", "status-"]
     options = ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev"]
     run(["env", "-C", str(places.workspace), *environment, *colcon, *options])
 
