@@ -39,7 +39,8 @@ def test_hold_and_clip():
     f = forces(users.make("noise", TASK, 5, noise_hold=5, noise_clip=[10.0]), 1000)[:, 0] / Robot().mass
     held = f.reshape(-1, 5)
     assert np.all(held == held[:, :1])
-    assert len(np.unique(held[:, 0])) > 90
+    # More than half of it lies beyond the clip: two values, and the rest all different.
+    assert len(np.unique(held[:, 0])) > 50
     assert np.abs(f).max() == 10.0
 
 
