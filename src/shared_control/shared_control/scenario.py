@@ -221,9 +221,11 @@ def check(scenario: Scenario) -> None:
 
     Raises
     ------
-    ParameterError: an array whose length is not the task's, a task parameter that is not known or not allowed.
+    ParameterError: an array whose length is not the task's, a task parameter that is not known or not allowed, a
+        robot that the task cannot use.
     """
     task = scenario.loop.make_task()
+    task.check_robot(scenario.loop.robot)
     mig_filter.costs(task, scenario.filter)
     for key, values, length, of in (
         ("control_limits", scenario.filter.control_limits, task.m, "controls"),

@@ -21,7 +21,7 @@ import numpy as np
 from shared_control.controllers import Solution
 from shared_control.controllers.ilqr_kernels import search
 from shared_control.cost import QuadraticCost
-from shared_control.integrate import partials_size
+from shared_control.integrate import store_size
 from shared_control.mig import samples
 from shared_control.parameters import ParameterError
 from shared_control.tasks.task import SAMPLE_TIME, Array, Task
@@ -63,7 +63,7 @@ class Ilqr:
         self._age = steps
         self._xs, self._xs_new = np.zeros((steps + 1, n)), np.zeros((steps + 1, n))
         self._us_new = np.zeros((steps, m))
-        self._ds = np.zeros(4 * partials_size(task))
+        self._ds = np.zeros(store_size(task, 1))
         self._ks, self._gains = np.zeros((steps, m)), np.zeros((steps, m, n))
 
     @property

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from shared_control.dispatch import effort, jit, linearise, running, running_gradient, terminal, terminal_gradient
+from shared_control.dispatch import effort, jit, running, running_gradient, terminal, terminal_gradient
 from shared_control.integrate import step, step_linearised, step_pullback
 from shared_control.tasks.task import Array
 from shared_control.tuples import Vector, axpy, take, unit
@@ -138,9 +138,6 @@ def _backward(
     like_x, like_u = c.target, c.control_weights
     n, m = len(like_x), len(like_u)
     steps = us.shape[0]
-    x0 = take(like_x, xs[0], 0)
-    _, like_d = linearise(p, x0, like_u)
-    size = len(like_d)
     a, b = np.empty((n, n)), np.empty((n, m))
     vx, vxx = np.empty(n), np.zeros((n, n))
     va, vb = np.empty((n, n)), np.empty((n, m))
@@ -154,11 +151,10 @@ def _backward(
         vxx[i, i] = 0.5 * h * c.state_weights[i] + c.terminal_weights[i]
     linear, quadratic, largest = 0.0, 0.0, 0.0
     for k in range(steps - 1, -1, -1):
-        step_linearised(p, take(like_x, xs[k], 0), take(like_u, us[k], 0), h, ds, 0)
-        d1, d2 = take(like_d, ds, 0), take(like_d, ds, size)
-        d3, d4 = take(like_d, ds, 2 * size), take(like_d, ds, 3 * size)
+        u = take(like_u, us[k], 0)
+        step_linearised(p, take(like_x, xs[k], 0), u, h, ds, 0)
         for i in range(n):
-            row, column = step_pullback(p, d1, d2, d3, d4, unit(like_x, i), h)
+            row, column = step_pullback(p, ds, 0, u, unit(like_x, i), h)
             for j in range(n):
                 a[i, j] = row[j]
             for j in range(m):
