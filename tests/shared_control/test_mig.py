@@ -146,7 +146,7 @@ def test_public_entry(states):
 finite = st.floats(-1e3, 1e3)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.tuples(finite, finite, finite, finite), finite, st.sampled_from(ALONG))
 def test_finite_in_finite_out(x, u, along):
     assert math.isfinite(criteria(along)(np.array(x), np.array([u])))

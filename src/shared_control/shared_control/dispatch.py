@@ -162,11 +162,15 @@ def _register() -> None:
     def one(find: Callable[[Any], Any]) -> Callable[..., Any]:
         return lambda p: find(p)
 
-    for stub in (flow, linearise, pullback):
-        replaced_by(stub)(three(_by_type(stub)))
-    for stub in (running, running_gradient, effort, terminal, terminal_gradient, mode, in_mode, guard, guard_gradient):
+    stubs: list[Callable[..., Any]]
+    stubs = [running, running_gradient, effort, terminal, terminal_gradient, mode, in_mode, guard, guard_gradient]
+    for stub in stubs:
         replaced_by(stub)(two(_by_type(stub)))
-    for stub in (partials, next_mode):
+    stubs = [flow, linearise, pullback]
+    for stub in stubs:
+        replaced_by(stub)(three(_by_type(stub)))
+    stubs = [partials, next_mode]
+    for stub in stubs:
         replaced_by(stub)(one(_by_type(stub)))
     replaced_by(cost.wrap)(lambda angle: cost.wrap)
 

@@ -22,7 +22,6 @@ def kernels(name: str) -> Iterator[tuple[str, Callable[[], object]]]:
     stepper = Stepper(task, SAMPLE_TIME)
     x, u = task.initial_state, np.ones(task.m)
     yield "integration step", lambda: stepper.advance(x.copy(), u)
-    yield "step's Jacobians", lambda: stepper.jacobians(x, u)
     yield "criterion", lambda: Criterion(task, objective, horizon=10 * SAMPLE_TIME, dt=SAMPLE_TIME)(x, u)
     for controller in controllers.names():
         solver = controllers.make(controller, task, objective)
