@@ -14,6 +14,7 @@ __all__ = ["Robot", "Task", "get", "get_from_text", "names", "parse"]
 #: Name of the task: its module and its class. Imported when asked for: no task costs a process that runs another.
 _REGISTRY: dict[str, tuple[str, str]] = {
     "cart_pendulum": ("shared_control.tasks.cart_pendulum", "CartPendulum"),
+    "double_integrator": ("shared_control.tasks.double_integrator", "DoubleIntegrator"),
     "slip": ("shared_control.tasks.slip", "Slip"),
 }
 
