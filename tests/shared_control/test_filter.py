@@ -144,7 +144,7 @@ def test_nothing_compiles_after_warm_up():
     frozen.setflags(write=False)
     for x in (frozen, np.stack([X, X], axis=1)[:, 0], X.astype(np.float32), [0.3, 0.5, 0.0, 0.0]):
         filter_.decide(x, BAD)
-    assert (compiled(_slope), compiled(search)) == before == (1, 1)
+    assert (compiled(_slope), compiled(search)) == before
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
