@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from shared_control.measures import cart_pendulum
+from shared_control.measures import cart_pendulum, slip
 from shared_control.parameters import ParameterError
 
 DT = 0.01
@@ -89,3 +89,37 @@ def test_refused():
             cart_pendulum(np.zeros((3, 4)), DT, **options)
     with pytest.raises(ParameterError, match="states"):
         cart_pendulum(np.zeros((3, 5)), DT)
+
+
+def test_slip_until_the_fall():
+    states = np.zeros((1001, 5))
+    states[:, 2] = 1.0
+    states[:, 1] = 1.0
+    states[400:, 2] = -0.01
+    states[401:, 1] = 9.0
+    intervened = np.zeros(1000, bool)
+    intervened[:100] = intervened[500:] = True
+    found = slip(states, DT, intervened=intervened, wanted_speed=np.full(1001, 0.7))
+    assert found.fell
+    assert found.fall_time == pytest.approx(4.0)
+    assert found.override == pytest.approx(0.25)
+    assert found.mean_speed == pytest.approx(1.0)
+    assert found.speed_rmse == pytest.approx(0.3)
+    assert math.isnan(found.speed_correlation)
+
+
+def test_slip_that_follows():
+    time = DT * np.arange(1001)
+    wanted = 0.8 + 0.5 * np.sin(time)
+    states = np.zeros((1001, 5))
+    states[:, 1], states[:, 2] = wanted + 0.1, 1.0
+    found = slip(states, DT, wanted_speed=wanted)
+    assert not found.fell
+    assert found.fall_time == pytest.approx(10.0)
+    assert found.speed_rmse == pytest.approx(0.1)
+    assert found.speed_correlation == pytest.approx(1.0)
+    assert math.isnan(slip(states, DT).speed_rmse)
+    assert slip(states, DT, fall_height=1.0).fall_time == 0.0
+    for options in ({"wanted_speed": wanted[1:]}, {"action": np.ones(5)}):
+        with pytest.raises(ParameterError):
+            slip(states, DT, **options)

@@ -31,22 +31,21 @@ def first_sample(u):
 
 @pytest.mark.parametrize("along", ALONG)
 def test_against_central_differences(oracle, states, along):
-    """At least 1,000 random states: five-point differences in extended precision, where no node crosses the wrap."""
-    x = states(1400, 7)
+    """At least 1,000 random states, five-point differences, where no node crosses the wrap."""
+    x = states(1300, 7)
     u = np.random.default_rng(8).normal(0.0, 20.0, x.shape[1])
-    centre, width = (0.0 if along == "nominal" else 1.0), np.longdouble(1e-3)
-    wide, push = x.astype(np.longdouble), u.astype(np.longdouble)
-    values, turns = {}, []
-    for s in (-2, -1, 0, 1, 2):
-        controls = first_sample((centre + s * width) * push)
-        values[s] = oracle.cost(wide, controls, DT, effort=False)
-        turns.append(oracle.turns(oracle.simulate(wide, controls, DT)))
+    centre, width = (0.0 if along == "nominal" else 1.0), 1e-3
+    values, turns = {}, [oracle.turns(oracle.simulate(x, first_sample(centre * u), DT))]
+    for s in (-2, -1, 1, 2):
+        controls = first_sample((centre + s * width) * u)
+        values[s] = oracle.cost(x, controls, DT, effort=False)
+        turns.append(oracle.turns(oracle.simulate(x, controls, DT)))
     slope = (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * width)
-    usable = np.all([np.all(t == turns[2], axis=0) for t in turns], axis=0)
+    usable = np.all([np.all(t == turns[0], axis=0) for t in turns], axis=0)
     assert usable.sum() >= 1000
     criterion = criteria(along)
     found = np.array([criterion(x[:, i], u[i : i + 1]) for i in range(x.shape[1])])
-    np.testing.assert_allclose(found[usable], slope[usable].astype(float), rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(found[usable], slope[usable], rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.parametrize("along", ALONG)
@@ -147,7 +146,7 @@ def test_public_entry(states):
 finite = st.floats(-1e3, 1e3)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.tuples(finite, finite, finite, finite), finite, st.sampled_from(ALONG))
 def test_finite_in_finite_out(x, u, along):
     assert math.isfinite(criteria(along)(np.array(x), np.array([u])))

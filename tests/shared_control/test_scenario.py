@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from shared_control import scenario
+from shared_control import scenario, tasks
 from shared_control.scenario import ScenarioError
 
 CONFIG = Path(scenario.__file__).resolve().parents[3] / "config"
-SHIPPED = sorted(CONFIG.glob("cart_pendulum_*.yaml"))
+SHIPPED = sorted(path for task in tasks.names() for path in CONFIG.glob(f"{task}_*.yaml"))
 
 
 def write(tmp_path, text):
@@ -29,14 +29,17 @@ def test_shipped(path):
     loaded = scenario.load(path)
     assert loaded.name == path.stem
     assert loaded.text_hash == hashlib.sha256(path.read_bytes()).hexdigest()
-    task, user, mode = path.stem.rsplit("_", 2)
-    assert (loaded.loop.task, loaded.user.user, loaded.filter.mode) == (task, user, mode)
+    user = loaded.user.preset or loaded.user.user
+    assert path.stem == f"{loaded.loop.task}_{user}_{loaded.filter.mode}"
     assert loaded.loop.ticks == 3000
     assert scenario.load(path.stem) == scenario.load(path.name) == loaded
 
 
 def test_shipped_exist():
-    assert {f"cart_pendulum_noise_{mode}" for mode in ("assistance", "training", "off")} <= {p.stem for p in SHIPPED}
+    modes, others = ("assistance", "training", "off"), ("low_skill", "skilled")
+    wanted = {f"{task}_noise_{mode}" for task in ("cart_pendulum", "slip") for mode in modes}
+    wanted |= {f"slip_{user}_{mode}" for user in others for mode in ("assistance", "off")}
+    assert wanted <= {p.stem for p in SHIPPED}
 
 
 def test_mapping_and_defaults():

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from shared_control import tasks, users
+from shared_control import controllers, tasks, users
+from shared_control.cost import quadratic
+from shared_control.integrate import Stepper
 from shared_control.parameters import ParameterError
 from shared_control.streams import stream
 from shared_control.tasks import Robot
+from shared_control.users import presets
 
 TASK = tasks.get("cart_pendulum")
 NOWHERE = np.zeros(4)
@@ -58,6 +61,88 @@ def test_streams_do_not_depend_on_each_other():
     assert stream(1, "user").integers(1 << 60) == stream(1, "user").integers(1 << 60)
 
 
+@pytest.mark.parametrize(("task", "preset"), [("cart_pendulum", "economical"), ("slip", "skilled")])
+def test_mpc_does_what_its_controller_finds(task, preset):
+    """The force is that of the first control of the schedule for the preset's own objective."""
+    task, robot = tasks.get(task), Robot(0.5, 2.0)
+    x, wish = task.initial_state, presets.get(task.name, preset)
+    objective = quadratic(task, wish.state_weights, wish.control_weights, wish.terminal_weights, wish.aim(0.0))
+    controller = controllers.make(
+        "ilqr", task, objective, horizon=wish.horizon, limits=wish.limits, iterations=wish.iterations
+    )
+    user = users.make("mpc", task, robot=robot, preset=preset)
+    expected = task.wrench_from_control(controller.solve(x).control, robot)
+    assert np.array_equal(user.act(0, 0.0, x), expected)
+    user.act(1, 0.01, x)
+    user.reset(5)
+    assert np.array_equal(user.act(0, 0.0, x), expected)
+
+
+def test_aim_sways():
+    wish = presets.get("slip", "skilled")
+    speeds = [wish.aim(t)[1] for t in (0.0, 2.5, 7.5)]
+    assert speeds == pytest.approx([0.8, 1.3, 0.3])
+    assert wish.aim(2.5)[2] == 1.1
+
+
+def test_graded_is_a_mixture():
+    x = np.array([0.4, 0.0, 0.0, 0.0])
+    noise, mpc = (users.make(name, TASK, 8).act(0, 0.0, x) for name in ("noise", "mpc"))
+    for skill in (0.0, 0.3, 1.0):
+        mixed = users.make("graded", TASK, 8, skill=skill).act(0, 0.0, x)
+        np.testing.assert_allclose(mixed, skill * mpc + (1.0 - skill) * noise, rtol=1e-12)
+
+
+def test_graded_sees_late():
+    """With a delay of three ticks it acts on the first state until the fourth tick."""
+    late, first = (users.make("graded", TASK, 8, delay=delay) for delay in (0.03, 0.0))
+    states = [np.array([0.1 * (k + 1), 0.0, 0.0, 0.0]) for k in range(6)]
+    shown = [states[0]] * 3 + states[:3]
+    for k in range(6):
+        assert np.array_equal(late.act(k, 0.01 * k, states[k]), first.act(k, 0.01 * k, shown[k]))
+
+
+def test_wrong_model_acts_otherwise():
+    x = np.array([0.4, 0.0, 0.0, 0.0])
+    right, wrong = (users.make("graded", TASK, model_parameters=texts) for texts in ((), ("length=1.0",)))
+    assert not np.array_equal(right.act(0, 0.0, x), wrong.act(0, 0.0, x))
+
+
+def test_human_lags_and_learns():
+    """The muscle's first response is 1 - exp(-h/tau) of the command; practice takes noise away."""
+    x = np.array([0.4, 0.0, 0.0, 0.0])
+    command = users.make("mpc", TASK).act(0, 0.0, x)[0]
+    ratios = np.array([users.make("human", TASK, seed).act(0, 0.0, x)[0] / command for seed in range(300)])
+    assert ratios.mean() == pytest.approx(1.0 - np.exp(-0.01 / 0.04), rel=0.02)
+    assert ratios.std() / ratios.mean() == pytest.approx(0.1, rel=0.2)
+    spread = []
+    for trial in (0, 20, 200):
+        pushes = [users.make("human", TASK, seed, skill=0.5, trial=trial).act(0, 0.0, x)[0] for seed in range(60)]
+        spread.append(np.std(pushes))
+    assert spread[0] > 1.5 * spread[1] > 1.5 * spread[2]
+
+
+def test_human_bridges_the_delay():
+    """Where its own commands are all that moves the task, it acts on the state as it is, not as it was."""
+    user = users.make("human", TASK, 3)
+    stepper, x = Stepper(TASK, 0.01), np.array([0.1, 0.0, 0.0, 0.0])
+    for k in range(300):
+        stepper.advance(x, TASK.control_from_wrench(user.act(k, 0.01 * k, x), Robot()))
+    assert abs(x[0]) < 0.1
+
+
+def test_replay(tmp_path):
+    forces_ = np.arange(12.0).reshape(4, 3)
+    path = tmp_path / "forces.npy"
+    np.save(path, forces_)
+    user = users.make("replay", TASK, recording=str(path))
+    assert np.array_equal(forces(user, 6), np.vstack([forces_, np.zeros((2, 3))]))
+    np.save(path, np.zeros(3))
+    for recording in (str(path), str(tmp_path / "none.npy")):
+        with pytest.raises(ParameterError, match="recording"):
+            users.make("replay", TASK, recording=recording)
+
+
 def test_idle():
     assert np.array_equal(forces(users.make("idle", TASK), 3), np.zeros((3, 3)))
 
@@ -67,6 +152,8 @@ def test_refused():
         users.make("nose", TASK)
     with pytest.raises(ParameterError, match="noise_sd"):
         users.make("noise", TASK, noise_sd=[1.0, 2.0])
+    with pytest.raises(ParameterError, match="preset"):
+        users.make("mpc", TASK, preset="skilled")
     with pytest.raises(ParameterError, match="noise_hold"):
         users.make("noise", TASK, noise_hold=0)
     with pytest.raises(ParameterError, match="did you mean noise_hold"):

@@ -1,9 +1,9 @@
 """How kernels reach a task's mathematics: by the type of its NamedTuple of parameters.
 
-A kernel is written once, in terms of :func:`flow`, :func:`linearise`, :func:`pullback` of parameters ``p`` and of the
-cost functions of a cost ``c``. For each type of ``p`` and ``c`` the compiler finds the functions of the same names in
-the module that defines the type, and makes a specialised kernel of them: inlined, cached on disk, and without a line
-per task here. Called from Python, the same names do the same.
+A kernel is written once, in terms of :func:`flow`, :func:`linearise`, :func:`pullback` of parameters ``p`` (of a hybrid
+task also of :func:`guard` and its kin) and of the cost functions of a cost ``c``. For each type of ``p`` and ``c`` the
+compiler finds the functions of the same names in the module that defines the type, and makes a specialised kernel of
+them: inlined, cached on disk, and without a line per task here. Called from Python, the same names do the same.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from numba.extending import overload
 from shared_control import cost, kernels_cache, tuples
 from shared_control.tuples import Vector
 
-__all__ = ["compiled", "effort", "flow", "jit", "linearise", "pullback", "running", "running_gradient", "terminal"]
+__all__ = ["compiled", "effort", "flow", "guard", "guard_gradient", "in_mode", "is_hybrid", "jit", "linearise", "mode"]
+__all__ += ["next_mode", "partials", "pullback", "replaced_by", "running", "running_gradient", "terminal"]
 __all__ += ["terminal_gradient"]
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -57,7 +58,13 @@ def compiled(function: Any) -> int:
 
 
 def _home(p: Any) -> Any:
-    return sys.modules[type(p).__module__]
+    """The module that defines the type of a value or, for the compiler, the type that a value will have."""
+    return sys.modules[getattr(p, "instance_class", type(p)).__module__]
+
+
+def is_hybrid(p: Any) -> bool:
+    """Whether the task with parameters ``p`` has guards."""
+    return hasattr(_home(p), "guard")
 
 
 def flow(p: Any, x: Vector, u: Vector) -> Vector:
@@ -73,6 +80,36 @@ def linearise(p: Any, x: Vector, u: Vector) -> tuple[Vector, Vector]:
 def pullback(p: Any, d: Vector, w: Vector) -> tuple[Vector, Vector]:
     """(w^T df/dx, w^T df/du)."""
     return cast("tuple[Vector, Vector]", _home(p).pullback(p, d, w))
+
+
+def partials(p: Any) -> Vector:
+    """As many zeros as :func:`linearise` gives partial derivatives."""
+    return cast(Vector, _home(p).partials(p))
+
+
+def mode(p: Any, x: Vector) -> int:
+    """Mode that a state of a hybrid task is in."""
+    return cast(int, _home(p).mode(p, x))
+
+
+def in_mode(p: Any, mode: int) -> Any:
+    """The parameters of a hybrid task in a mode: what its flow and its guard take."""
+    return _home(p).in_mode(p, mode)
+
+
+def next_mode(q: Any) -> int:
+    """Mode that takes over where the guard of this one is zero."""
+    return cast(int, _home(q).next_mode(q))
+
+
+def guard(q: Any, x: Vector) -> float:
+    """Positive while the mode holds."""
+    return cast(float, _home(q).guard(q, x))
+
+
+def guard_gradient(q: Any, x: Vector) -> Vector:
+    """Gradient of :func:`guard`."""
+    return cast(Vector, _home(q).guard_gradient(q, x))
 
 
 def running(c: Any, x: Vector) -> float:
@@ -105,15 +142,14 @@ def _by_type(stub: Callable[..., Any]) -> Callable[..., Any]:
     name = stub.__name__
 
     def find(first: Any) -> Callable[..., Any] | None:
-        if not hasattr(first, "instance_class"):
-            return None
-        return getattr(sys.modules[first.instance_class.__module__], name, None)
+        return getattr(_home(first), name, None) if hasattr(first, "instance_class") else None
 
     return find
 
 
+#: ``replaced_by(stub)(find)``: in a kernel, what ``find`` returns for the types of the arguments stands for ``stub``.
 #: Not strict: the implementations carry annotations of their own, which are none of the compiler's business.
-_overload = functools.partial(overload, jit_options=_OPTIONS, strict=False)
+replaced_by = functools.partial(overload, jit_options=_OPTIONS, strict=False)
 
 
 def _register() -> None:
@@ -123,11 +159,20 @@ def _register() -> None:
     def two(find: Callable[[Any], Any]) -> Callable[..., Any]:
         return lambda c, x: find(c)
 
-    for stub in (flow, linearise, pullback):
-        _overload(stub)(three(_by_type(stub)))
-    for cost_stub in (running, running_gradient, effort, terminal, terminal_gradient):
-        _overload(cost_stub)(two(_by_type(cost_stub)))
-    _overload(cost.wrap)(lambda angle: cost.wrap)
+    def one(find: Callable[[Any], Any]) -> Callable[..., Any]:
+        return lambda p: find(p)
+
+    stubs: list[Callable[..., Any]]
+    stubs = [running, running_gradient, effort, terminal, terminal_gradient, mode, in_mode, guard, guard_gradient]
+    for stub in stubs:
+        replaced_by(stub)(two(_by_type(stub)))
+    stubs = [flow, linearise, pullback]
+    for stub in stubs:
+        replaced_by(stub)(three(_by_type(stub)))
+    stubs = [partials, next_mode]
+    for stub in stubs:
+        replaced_by(stub)(one(_by_type(stub)))
+    replaced_by(cost.wrap)(lambda angle: cost.wrap)
 
 
 _register()
@@ -142,7 +187,7 @@ def _elementwise(stub: Callable[..., Any], arguments: str, element: str, length_
         return eval(f"lambda {arguments}: ({items},)", {"wrap": cost.wrap})
 
     # The compiler wants a function with the stub's own arguments.
-    _overload(stub)(eval(f"lambda {arguments}: write_out({arguments})", {"write_out": write_out}))
+    replaced_by(stub)(eval(f"lambda {arguments}: write_out({arguments})", {"write_out": write_out}))
 
 
 _elementwise(tuples.axpy, "a, x, y", "y[{i}] + a * x[{i}]", "x")
@@ -160,4 +205,4 @@ def _dot(a: Any, b: Any) -> Any:
     return eval(f"lambda a, b: {terms}")
 
 
-_overload(tuples.dot)(_dot)
+replaced_by(tuples.dot)(_dot)

@@ -4,6 +4,10 @@ A user's control u of the coming sample is judged by its criterion (:mod:`shared
 
     accept  iff  criterion <= threshold                (the paper: threshold = 0)
 
+Two baselines judge by other values in the criterion's place, for comparison: ``judge="random"`` by rate - U with U
+uniform on [0, 1) for each action (is it the criterion that does the work, or the replacement?), ``"agreement"`` by
+-u^T u_c with the controller's u_c (does the user do what the controller would?).
+
 An accepted action passes as it is. A rejected one becomes nothing in training, and in assistance the controller's. An
 action whose every component is at most ``dead_zone`` is no action: there is nothing to judge, and it passes. Whatever
 cannot be judged (a number that is not finite) never passes: the reason is told, and the safe command takes its place
@@ -21,10 +25,13 @@ import numpy as np
 
 from shared_control import controllers, cost
 from shared_control.parameters import ParameterError, build, parameter
+from shared_control.streams import stream
 from shared_control.tasks.task import SAMPLE_TIME, Array, Task
 
 if TYPE_CHECKING:
-    from shared_control.controllers import Controller
+    from collections.abc import Callable
+
+    from shared_control.controllers import Controller, Solution
     from shared_control.cost import QuadraticCost
 
 __all__ = ["Decision", "FilterConfig", "MigFilter", "Mode", "Reason", "Verdict", "costs"]
@@ -109,11 +116,15 @@ class FilterConfig:
         "Trajectory that state and adjoint are taken along: the nominal one (null action) or the user's.",
         choices=("nominal", "user"),
     )
+    judge: str = parameter(
+        "mig", "What judges an action: the criterion, or a baseline.", choices=("mig", "random", "agreement")
+    )
+    rejection_rate: float = parameter(0.5, "Share that judge: random rejects.", ge=0.0, le=1.0)
     threshold: float = parameter(0.0, "An action is accepted if its criterion is at most this.", unit="cost", live=True)
     dead_zone: float = parameter(
         0.0, "A control of at most this in every component is no action.", unit="of the control", ge=0.0, live=True
     )
-    controller: str = parameter("ilqr", "Controller of assistance.", choices=("ilqr",))
+    controller: str = parameter("ilqr", "Controller of assistance.", choices=controllers.names())
     controller_horizon: float = parameter(0.0, "Horizon of the controller; 0: the filter's.", unit="s", ge=0.0, le=60.0)
     controller_iterations: int = parameter(3, "Most iterations of the controller in a tick.", ge=1, le=1000)
     controller_tolerance: float = parameter(
@@ -173,6 +184,14 @@ class MigFilter:
             iterations=self.config.controller_iterations,
             tolerance=self.config.controller_tolerance,
         )
+        self._agreed: Solution | None = None
+        judges: dict[str, Callable[[Array, Array], float]] = {
+            "mig": self._criterion,
+            "random": self._at_random,
+            "agreement": self._agreement,
+        }
+        self._judge = judges[self.config.judge]
+        self._random = stream(0, "filter")
         self._null = np.zeros(task.m)
         self._null.setflags(write=False)
         self._mode = Mode.of(self.config.mode)
@@ -225,14 +244,15 @@ class MigFilter:
             return self._decision(Verdict.ACCEPTED, Reason.FILTER_OFF, math.nan, u_user, u_user)
         if not any(abs(u) > self._dead_zone for u in u_user):
             return self._decision(Verdict.ACCEPTED, Reason.NULL_ACTION, math.nan, u_user, u_user)
-        criterion = self._criterion(x, u_user)
+        self._agreed = None
+        criterion = self._judge(x, u_user)
         if not math.isfinite(criterion):
             return self._safe(Reason.NON_FINITE_CRITERION, u_user)
         if criterion <= self._threshold:
             return self._decision(Verdict.ACCEPTED, Reason.CRITERION, criterion, u_user, u_user)
         if mode is Mode.TRAINING:
             return self._decision(Verdict.REJECTED, Reason.CRITERION, criterion, u_user, self._null)
-        solution = self._controller.solve(x)
+        solution = self._agreed or self._controller.solve(x)
         reason = Reason.CRITERION if solution.usable else Reason.NOT_CONVERGED
         return self._decision(Verdict.REPLACED, reason, criterion, u_user, solution.control)
 
@@ -241,9 +261,10 @@ class MigFilter:
         self._controller.advance()
         return self._safe(Reason(reason), u_user)
 
-    def reset(self) -> None:
-        """As new, except for live parameters: they stay as they were set."""
+    def reset(self, seed: int = 0) -> None:
+        """As new, for the trial with this seed, except for live parameters: they stay as they were set."""
         self._controller.reset()
+        self._random = stream(seed, "filter")
 
     def warm_up(self) -> None:
         """Compile, or load, every kernel; leaves the filter as :meth:`reset` does."""
@@ -251,6 +272,13 @@ class MigFilter:
         self._criterion(x, np.ones(self.task.m))
         self._controller.solve(x)
         self.reset()
+
+    def _at_random(self, x: Array, u_user: Array) -> float:
+        return self.config.rejection_rate - self._random.random()
+
+    def _agreement(self, x: Array, u_user: Array) -> float:
+        self._agreed = self._controller.solve(x)
+        return -float(np.dot(u_user, self._agreed.control))
 
     def _safe(self, reason: Reason, u_user: Array) -> Decision:
         if self._mode is Mode.ASSISTANCE:

@@ -1,11 +1,7 @@
-"""One step of the classical Runge-Kutta method (RK4), and its exact discrete derivative.
+"""One step of a task, and its exact discrete derivative: RK4, for a hybrid task from event to event.
 
-    k_1 = f(x, u),  k_2 = f(x + h/2 k_1, u),  k_3 = f(x + h/2 k_2, u),  k_4 = f(x + h k_3, u)
-    Phi(x, u) = x + h/6 (k_1 + 2 k_2 + 2 k_3 + k_4)
-
-with the control held over the step. The derivative is that of the step itself (discretise, then differentiate), taken
-backwards through the four stages: for a row vector w it gives w^T dPhi/dx and w^T dPhi/du exactly, to rounding. A
-kernel that calls these is compiled for the task at hand (:mod:`shared_control.dispatch`).
+Which of :mod:`shared_control.rk4` and :mod:`shared_control.hybrid` a kernel gets is settled where it is compiled, by
+the type of the task's parameters: a smooth task pays nothing for the others' events.
 """
 
 from __future__ import annotations
@@ -14,49 +10,46 @@ from typing import Any
 
 import numpy as np
 
-from shared_control.dispatch import flow, jit, linearise, pullback
+from shared_control import hybrid, rk4
+from shared_control.dispatch import is_hybrid, jit, replaced_by
 from shared_control.tasks.task import Array, Task
-from shared_control.tuples import Vector, axpy, take, unit
+from shared_control.tuples import Vector, take, unit
 
-__all__ = ["Stepper", "partials_size", "step", "step_linearised", "step_pullback"]
+__all__ = ["Stepper", "step", "step_linearised", "step_pullback", "store_size", "stride"]
 
 
-@jit
+def _method(p: Any) -> Any:
+    return hybrid if is_hybrid(p) else rk4
+
+
+def stride(p: Any, x: Vector) -> int:
+    """How much of the store a step takes."""
+    size: int = _method(p).stride(p, x)
+    return size
+
+
 def step(p: Any, x: Vector, u: Vector, h: float) -> Vector:
-    """Phi(x, u)."""
-    k1 = flow(p, x, u)
-    k2 = flow(p, axpy(0.5 * h, k1, x), u)
-    k3 = flow(p, axpy(0.5 * h, k2, x), u)
-    k4 = flow(p, axpy(h, k3, x), u)
-    return axpy(h / 6.0, axpy(2.0, k2, axpy(2.0, k3, axpy(1.0, k1, k4))), x)
+    """The state after a step of h [s] under a control that is held."""
+    new: Vector = _method(p).step(p, x, u, h)
+    return new
 
 
-@jit
 def step_linearised(p: Any, x: Vector, u: Vector, h: float, store: Array, at: int) -> Vector:
-    """Phi(x, u); the partial derivatives at the four stages go to ``store[at:]``, one after the other."""
-    k1, d1 = linearise(p, x, u)
-    k2, d2 = linearise(p, axpy(0.5 * h, k1, x), u)
-    k3, d3 = linearise(p, axpy(0.5 * h, k2, x), u)
-    k4, d4 = linearise(p, axpy(h, k3, x), u)
-    size = len(d1)
-    for i in range(size):
-        store[at + i] = d1[i]
-        store[at + size + i] = d2[i]
-        store[at + 2 * size + i] = d3[i]
-        store[at + 3 * size + i] = d4[i]
-    return axpy(h / 6.0, axpy(2.0, k2, axpy(2.0, k3, axpy(1.0, k1, k4))), x)
+    """As :func:`step`; what :func:`step_pullback` needs goes to ``store[at:]``."""
+    new: Vector = _method(p).step_linearised(p, x, u, h, store, at)
+    return new
 
 
-@jit
-def step_pullback(p: Any, d1: Vector, d2: Vector, d3: Vector, d4: Vector, w: Vector, h: float) -> tuple[Vector, Vector]:
-    """(w^T dPhi/dx, w^T dPhi/du), from the partial derivatives at the four stages."""
-    none = axpy(-1.0, w, w)
-    x4, u4 = pullback(p, d4, axpy(h / 6.0, w, none))
-    x3, u3 = pullback(p, d3, axpy(h, x4, axpy(h / 3.0, w, none)))
-    x2, u2 = pullback(p, d2, axpy(0.5 * h, x3, axpy(h / 3.0, w, none)))
-    x1, u1 = pullback(p, d1, axpy(0.5 * h, x2, axpy(h / 6.0, w, none)))
-    wx = axpy(1.0, x1, axpy(1.0, x2, axpy(1.0, x3, axpy(1.0, x4, w))))
-    return wx, axpy(1.0, u1, axpy(1.0, u2, axpy(1.0, u3, u4)))
+def step_pullback(p: Any, store: Array, at: int, u: Vector, w: Vector, h: float) -> tuple[Vector, Vector]:
+    """(w^T dx_end/dx, w^T dx_end/du) of the step under u whose store begins at ``at``."""
+    back: tuple[Vector, Vector] = _method(p).step_pullback(p, store, at, u, w, h)
+    return back
+
+
+replaced_by(stride)(lambda p, x: _method(p).stride.py_func)
+replaced_by(step)(lambda p, x, u, h: _method(p).step.py_func)
+replaced_by(step_linearised)(lambda p, x, u, h, store, at: _method(p).step_linearised.py_func)
+replaced_by(step_pullback)(lambda p, store, at, u, w, h: _method(p).step_pullback.py_func)
 
 
 @jit
@@ -69,30 +62,20 @@ def _step_array(p: Any, like_x: Vector, like_u: Vector, x: Array, u: Array, h: f
 @jit
 def _jacobian_array(p: Any, like_x: Vector, like_u: Vector, x: Array, u: Array, h: float, a: Array, b: Array) -> None:
     control = take(like_u, u, 0)
-    _, like_d = linearise(p, like_x, like_u)
-    size = len(like_d)
-    store = np.empty(4 * size)
+    store = np.empty(stride(p, like_x))
     step_linearised(p, take(like_x, x, 0), control, h, store, 0)
     for i in range(len(like_x)):
-        row, column = step_pullback(
-            p,
-            take(like_d, store, 0),
-            take(like_d, store, size),
-            take(like_d, store, 2 * size),
-            take(like_d, store, 3 * size),
-            unit(like_x, i),
-            h,
-        )
+        row, column = step_pullback(p, store, 0, control, unit(like_x, i), h)
         for j in range(len(like_x)):
             a[i, j] = row[j]
         for j in range(len(like_u)):
             b[i, j] = column[j]
 
 
-def partials_size(task: Task) -> int:
-    """Number of partial derivatives that the task's ``linearise`` gives."""
-    _, d = linearise(task.parameters, task.target, (0.0,) * task.m)
-    return len(d)
+def store_size(task: Task, steps: int) -> int:
+    """Length of the store of a trajectory."""
+    method = _method(task.parameters)
+    return steps * int(method.stride.py_func(task.parameters, task.target))
 
 
 class Stepper:

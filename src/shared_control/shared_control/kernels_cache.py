@@ -19,8 +19,10 @@ _PATTERNS = (
     "controllers/*_kernels.py",
     "cost.py",
     "dispatch.py",
+    "hybrid.py",
     "integrate.py",
     "mig.py",
+    "rk4.py",
     "tuples.py",
 )
 

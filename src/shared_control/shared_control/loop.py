@@ -57,7 +57,10 @@ class UserAgent:
     """The simulated user of a scenario."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        self._user = users.make_configured(scenario.loop.make_task(), scenario.user, scenario.loop.robot, seed)
+        self._task = scenario.loop.make_task()
+        self._user = users.make_configured(
+            self._task, scenario.user, scenario.loop.robot, seed, scenario.loop.sample_time
+        )
         self._seed = seed
 
     def act(self, tick: int, time: float, x: Array) -> Array:
@@ -71,7 +74,7 @@ class UserAgent:
 
     def warm_up(self) -> None:
         """Have everything loaded that acting needs."""
-        self._user.act(0, 0.0, np.zeros(0))
+        self._user.act(0, 0.0, self._task.initial_state)
         self._user.reset(self._seed)
 
 
@@ -82,6 +85,8 @@ class FilterAgent:
         self.task = scenario.loop.make_task()
         self._robot = scenario.loop.robot
         self._filter = MigFilter(self.task, scenario.filter, sample_time=scenario.loop.sample_time)
+        self._seed = scenario.loop.seed
+        self.reset()
 
     @property
     def mode(self) -> Mode:
@@ -112,13 +117,14 @@ class FilterAgent:
         """The safe command in place of a force that could not be judged; once a tick, instead of :meth:`decide`."""
         return self._outcome(self._filter.fallback(reason, self.task.control_from_wrench(force, self._robot)), force)
 
-    def reset(self) -> None:
-        """As new; live parameters stay as they were set."""
-        self._filter.reset()
+    def reset(self, seed: int | None = None) -> None:
+        """As new, for the trial with this seed (the scenario's); live parameters stay as they were set."""
+        self._filter.reset(self._seed if seed is None else seed)
 
     def warm_up(self) -> None:
         """Compile or load every kernel; leaves the agent as :meth:`reset` does."""
         self._filter.warm_up()
+        self.reset()
 
     def _outcome(self, decision: Decision, force: Array) -> FilterOutcome:
         if decision.verdict is Verdict.ACCEPTED:

@@ -1,4 +1,7 @@
-"""Measures of a trial, as the paper defines them ('Performance Measures'), with the readings that its numbers fit.
+"""Measures of a trial, of the cart-pendulum and of SLIP.
+
+Those of the cart-pendulum are as the paper defines them ('Performance Measures'), with the readings that its numbers
+fit.
 
 ``success``
     theta within 0.4 rad (wrapped) and theta_dot within 0.75 rad/s for at least 2 s without a break.
@@ -18,6 +21,18 @@
     The same over the whole trial.
 ``cart_excursion`` [m]
     max |x_c|.
+
+Of SLIP:
+
+``fell``, ``fall_time`` [s]
+    Whether and when the mass came to ``fall_height`` or below; the length of the trial if it did not.
+``override``
+    Share of the actions that were rejected or replaced, until the fall; NaN without an action.
+``mean_speed`` [m/s]
+    Mean of x_m_dot until the fall.
+``speed_rmse`` [m/s], ``speed_correlation``
+    RMS of x_m_dot less the wanted speed, and their Pearson correlation, until the fall; NaN where no speed is wanted
+    (or, for the correlation, where it does not vary).
 """
 
 from __future__ import annotations
@@ -31,7 +46,7 @@ from numpy.typing import ArrayLike
 from shared_control.parameters import ParameterError
 from shared_control.tasks.cart_pendulum import CartPendulum
 
-__all__ = ["CartPendulumMeasures", "cart_pendulum"]
+__all__ = ["CartPendulumMeasures", "SlipMeasures", "cart_pendulum", "slip"]
 
 _READINGS = {
     "success_time": ("entry", "dwell"),
@@ -50,6 +65,17 @@ class CartPendulumMeasures(NamedTuple):
     pra: float
     pra_trial: float
     cart_excursion: float
+
+
+class SlipMeasures(NamedTuple):
+    """See the module."""
+
+    fell: bool
+    fall_time: float
+    override: float
+    mean_speed: float
+    speed_rmse: float
+    speed_correlation: float
 
 
 def cart_pendulum(
@@ -83,10 +109,7 @@ def cart_pendulum(
     if x.ndim != 2 or x.shape[1] != 4 or len(x) < 1:
         raise ParameterError(f"states: shape {x.shape} is not allowed; it must be (N+1, 4)")
     ticks = len(x) - 1
-    acted = np.ones(ticks, bool) if action is None else np.asarray(action, dtype=bool)
-    stopped = np.zeros(ticks, bool) if intervened is None else np.asarray(intervened, dtype=bool)
-    if acted.shape != (ticks,) or stopped.shape != (ticks,):
-        raise ParameterError(f"action, intervened: shapes {acted.shape}, {stopped.shape}; they must be ({ticks},)")
+    acted, stopped = _flags(ticks, action, intervened)
 
     # To the nearest turn; at the very ends of (-pi, pi] the sign does not matter to any measure.
     theta = x[:, 0] - 2.0 * math.pi * np.round(x[:, 0] / (2.0 * math.pi))
@@ -121,6 +144,64 @@ def cart_pendulum(
         pra_trial=_share(stopped, acted),
         cart_excursion=float(np.max(np.abs(x[:, 2]))),
     )
+
+
+def slip(
+    states: ArrayLike,
+    sample_time: float,
+    *,
+    action: ArrayLike | None = None,
+    intervened: ArrayLike | None = None,
+    wanted_speed: ArrayLike | None = None,
+    fall_height: float = 0.0,
+) -> SlipMeasures:
+    """Measures of one trial.
+
+    Parameters
+    ----------
+    states: (N+1, 5), the nodes of the trial.
+    sample_time: [s].
+    action, intervened: (N,) bool, as for :func:`cart_pendulum`.
+    wanted_speed: (N+1,) [m/s], what the user is after, if it is known.
+    fall_height: [m], the task's.
+
+    Raises
+    ------
+    ParameterError: shapes that do not fit.
+    """
+    x = np.asarray(states, dtype=float)
+    if x.ndim != 2 or x.shape[1] != 5 or len(x) < 1:
+        raise ParameterError(f"states: shape {x.shape} is not allowed; it must be (N+1, 5)")
+    ticks = len(x) - 1
+    acted, stopped = _flags(ticks, action, intervened)
+    fallen = np.flatnonzero(x[:, 2] <= fall_height)
+    until = int(fallen[0]) if len(fallen) else ticks
+    speed = x[: until + 1, 1]
+    rmse = correlation = math.nan
+    if wanted_speed is not None:
+        wanted = np.asarray(wanted_speed, dtype=float)
+        if wanted.shape != (ticks + 1,):
+            raise ParameterError(f"wanted_speed: shape {wanted.shape} is not allowed; it must be ({ticks + 1},)")
+        wanted = wanted[: until + 1]
+        rmse = float(np.sqrt(np.mean((speed - wanted) ** 2)))
+        if until > 0 and np.ptp(wanted) > 0.0 and np.ptp(speed) > 0.0:
+            correlation = float(np.corrcoef(speed, wanted)[0, 1])
+    return SlipMeasures(
+        fell=bool(len(fallen)),
+        fall_time=until * sample_time,
+        override=_share(stopped[:until], acted[:until]),
+        mean_speed=float(np.mean(speed)),
+        speed_rmse=rmse,
+        speed_correlation=correlation,
+    )
+
+
+def _flags(ticks: int, action: ArrayLike | None, intervened: ArrayLike | None) -> tuple[np.ndarray, np.ndarray]:
+    acted = np.ones(ticks, bool) if action is None else np.asarray(action, dtype=bool)
+    stopped = np.zeros(ticks, bool) if intervened is None else np.asarray(intervened, dtype=bool)
+    if acted.shape != (ticks,) or stopped.shape != (ticks,):
+        raise ParameterError(f"action, intervened: shapes {acted.shape}, {stopped.shape}; they must be ({ticks},)")
+    return acted, stopped
 
 
 def _share(stopped: np.ndarray, acted: np.ndarray) -> float:

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 
 from shared_control.cost import QuadraticCost, errors
-from shared_control.dispatch import jit, linearise, running_gradient, terminal_gradient
-from shared_control.integrate import partials_size, step_linearised, step_pullback
+from shared_control.dispatch import jit, running_gradient, terminal_gradient
+from shared_control.integrate import step_linearised, step_pullback, store_size, stride
 from shared_control.parameters import ParameterError
 from shared_control.tasks.task import Array, Task
 from shared_control.tuples import Vector, axpy, take, times, unit, zeros
@@ -48,8 +48,7 @@ def _forward(p: Any, c: Any, x0: Vector, first: Vector, h: float, steps: int, xs
     """Trajectory under ``first`` for one sample and zero after, into ``xs``, ``ds``; whether a node lies on a kink."""
     x = x0
     u = first
-    _, d = linearise(p, x, u)
-    size = 4 * len(d)
+    size = stride(p, x)
     kink = False
     for k in range(steps + 1):
         e = errors(x, c.target, c.angles)
@@ -63,15 +62,6 @@ def _forward(p: Any, c: Any, x0: Vector, first: Vector, h: float, steps: int, xs
 
 
 @jit
-def _pull(p: Any, d: Vector, ds: Array, k: int, w: Vector, h: float) -> tuple[Vector, Vector]:
-    size = len(d)
-    at = 4 * size * k
-    d1, d2 = take(d, ds, at), take(d, ds, at + size)
-    d3, d4 = take(d, ds, at + 2 * size), take(d, ds, at + 3 * size)
-    return step_pullback(p, d1, d2, d3, d4, w, h)
-
-
-@jit
 def _slope(p: Any, c: Any, x: Array, u: Array, along_user: bool, h: float, steps: int, xs: Array, ds: Array) -> float:
     """The criterion."""
     x0 = take(c.target, x, 0)
@@ -79,14 +69,15 @@ def _slope(p: Any, c: Any, x: Array, u: Array, along_user: bool, h: float, steps
     first = user if along_user else zeros(user)
     kink = _forward(p, c, x0, first, h, steps, xs, ds)
     if kink:
-        return _one_sided(p, c, x0, user, h, steps, xs, ds)
-    _, d = linearise(p, x0, first)
+        return _one_sided(p, c, x0, first, user, h, steps, xs, ds)
+    size = stride(p, x0)
+    none = zeros(user)
     x_end = take(x0, xs[steps], 0)
     rho = axpy(0.5 * h, running_gradient(c, x_end), terminal_gradient(c, x_end))
     for k in range(steps - 1, 0, -1):
-        rho, _ = _pull(p, d, ds, k, rho, h)
+        rho, _ = step_pullback(p, ds, k * size, none, rho, h)
         rho = axpy(h, running_gradient(c, take(x0, xs[k], 0)), rho)
-    _, rho_u = _pull(p, d, ds, 0, rho, h)
+    _, rho_u = step_pullback(p, ds, 0, first, rho, h)
     total = 0.0
     for i in range(len(user)):
         total += rho_u[i] * user[i]
@@ -94,25 +85,28 @@ def _slope(p: Any, c: Any, x: Array, u: Array, along_user: bool, h: float, steps
 
 
 @jit
-def _one_sided(p: Any, c: Any, x0: Vector, user: Vector, h: float, steps: int, xs: Array, ds: Array) -> float:
+def _one_sided(
+    p: Any, c: Any, x0: Vector, first: Vector, user: Vector, h: float, steps: int, xs: Array, ds: Array
+) -> float:
     """The criterion by first-order motion of the nodes, with the slope at a kink taken on the side of the motion.
 
     Rare (an exact rest), hence written for clarity: each row of each step's Jacobian by one pullback.
     """
-    _, d = linearise(p, x0, user)
-    n = len(x0)
+    n, size = len(x0), stride(p, x0)
+    u = first
     motion = np.zeros(n)
     moved = np.zeros(n)
     total = 0.0
     for k in range(steps):
         for i in range(n):
-            row, column = _pull(p, d, ds, k, unit(x0, i), h)
+            row, column = step_pullback(p, ds, k * size, u, unit(x0, i), h)
             moved[i] = 0.0
             for j in range(n):
                 moved[i] += row[j] * motion[j]
             if k == 0:
                 for j in range(len(user)):
                     moved[i] += column[j] * user[j]
+        u = zeros(first)
         for i in range(n):
             motion[i] = moved[i]
         node = take(x0, xs[k + 1], 0)
@@ -156,7 +150,7 @@ class Criterion:
         self._steps = samples(horizon, dt)
         self._x, self._u = np.zeros(task.n), np.zeros(task.m)
         self._xs = np.zeros((self._steps + 1, task.n))
-        self._ds = np.zeros(self._steps * 4 * partials_size(task))
+        self._ds = np.zeros(store_size(task, self._steps))
 
     def __call__(self, x: Array, u_user: Array) -> float:
         """Criterion [unit of the cost] of a user's control (m,) at a state (n,); not finite if the numbers overflow."""

@@ -17,13 +17,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from shared_control import admittance, tasks
 from shared_control import filter as mig_filter
-from shared_control import tasks
 from shared_control.admittance import AdmittanceConfig
 from shared_control.filter import FilterConfig
 from shared_control.parameters import ParameterError, build, declarations, parameter
 from shared_control.tasks.task import SAMPLE_TIME, Robot, Task
-from shared_control.users import UserConfig
+from shared_control.users import UserConfig, presets
 
 __all__ = ["LoopConfig", "Scenario", "ScenarioError", "TaskConfig", "check", "find", "load"]
 
@@ -221,9 +221,12 @@ def check(scenario: Scenario) -> None:
 
     Raises
     ------
-    ParameterError: an array whose length is not the task's, a task parameter that is not known or not allowed.
+    ParameterError: an array whose length is not the task's, a task parameter that is not known or not allowed, a
+        robot that the task cannot use.
     """
     task = scenario.loop.make_task()
+    task.check_robot(scenario.loop.robot)
+    admittance.check(scenario.robot, scenario.loop.robot)
     mig_filter.costs(task, scenario.filter)
     for key, values, length, of in (
         ("control_limits", scenario.filter.control_limits, task.m, "controls"),
@@ -238,6 +241,9 @@ def check(scenario: Scenario) -> None:
         raise ParameterError(
             f"control_limits: {list(scenario.filter.control_limits)} is not allowed; each must be positive"
         )
+    if scenario.user.user in ("mpc", "graded", "human"):
+        presets.get(task.name, scenario.user.preset)
+        tasks.get(task.name, **tasks.parse(scenario.user.model_parameters))
     for key, horizon in (
         ("horizon", scenario.filter.horizon),
         ("controller_horizon", scenario.filter.controller_horizon or scenario.filter.horizon),

@@ -15,6 +15,7 @@ from shared_control.filter import Reason, Verdict
 from shared_control.parameters import ParameterError
 from shared_control.scenario import Scenario, load
 from shared_control.tasks.task import Array
+from shared_control.users import presets
 
 __all__ = ["TrialResult", "run_trial", "run_trials"]
 
@@ -56,7 +57,7 @@ class _Loop:
     def run(self, seed: int) -> TrialResult:
         user, filter_, robot, plant = self.user, self.filter, self.robot, self.plant
         user.reset(seed)
-        filter_.reset()
+        filter_.reset(seed)
         robot.reset()
         plant.reset(seed)
         settings = self.scenario.loop
@@ -96,12 +97,20 @@ class _Loop:
 
 
 def _measures(scenario: Scenario, states: Array, user_control: Array, verdict: np.ndarray, reason: np.ndarray) -> Any:
-    if scenario.loop.task != "cart_pendulum":
-        return None
     action = (reason != Reason.NULL_ACTION) & np.any(user_control != 0.0, axis=1)
-    return measures.cart_pendulum(
-        states, scenario.loop.sample_time, action=action, intervened=verdict != Verdict.ACCEPTED
-    )
+    sample, intervened = scenario.loop.sample_time, verdict != Verdict.ACCEPTED
+    if scenario.loop.task == "cart_pendulum":
+        return measures.cart_pendulum(states, sample, action=action, intervened=intervened)
+    if scenario.loop.task == "slip":
+        speed = None
+        if scenario.user.user in ("mpc", "graded", "human"):
+            preset = presets.get("slip", scenario.user.preset)
+            speed = [preset.aim(k * sample)[1] for k in range(len(states))]
+        fall_height = scenario.loop.make_task().parameters.fall_height
+        return measures.slip(
+            states, sample, action=action, intervened=intervened, wanted_speed=speed, fall_height=fall_height
+        )
+    return None
 
 
 def run_trial(scenario: Source, seed: int | None = None) -> TrialResult:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 from shared_control.cost import QuadraticCost
@@ -33,6 +34,9 @@ class Controller(Protocol):
     def solve(self, x: Array) -> Solution:
         """Search for a schedule from the state (n,); where none is usable the control is :meth:`fallback`'s."""
 
+    def aim(self, target: Sequence[float]) -> None:
+        """Put another desired state (n,) in place of the objective's."""
+
     def fallback(self) -> Array:
         """Control (m,) of the last valid schedule for the present tick; zero where there is none or it has run out."""
 
@@ -45,6 +49,7 @@ class Controller(Protocol):
 
 _REGISTRY: dict[str, tuple[str, str]] = {
     "ilqr": ("shared_control.controllers.ilqr", "Ilqr"),
+    "sac": ("shared_control.controllers.sac", "Sac"),
 }
 
 

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from shared_control.dispatch import effort, jit, linearise, running, running_gradient, terminal, terminal_gradient
+from shared_control.controllers.rollout_kernels import begin, copy
+from shared_control.dispatch import effort, jit, running, running_gradient, terminal, terminal_gradient
 from shared_control.integrate import step, step_linearised, step_pullback
 from shared_control.tasks.task import Array
-from shared_control.tuples import Vector, axpy, take, unit
+from shared_control.tuples import axpy, take, unit
 
 __all__ = ["search"]
 
@@ -28,25 +29,6 @@ GAIN_LEAST = 1e-4
 #: For a single input one sweep is exact.
 SWEEPS = 200
 SETTLED = 1e-12
-
-
-@jit
-def _rollout(p: Any, c: Any, x0: Vector, us: Array, h: float, xs: Array) -> float:
-    """J of a schedule (N, m) from x0; the trajectory goes to xs."""
-    like_u = c.control_weights
-    n = len(x0)
-    steps = us.shape[0]
-    x = x0
-    total = 0.0
-    for k in range(steps):
-        for i in range(n):
-            xs[k, i] = x[i]
-        u = take(like_u, us[k], 0)
-        total += h * ((0.5 if k == 0 else 1.0) * running(c, x) + effort(c, u))
-        x = step(p, x, u, h)
-    for i in range(n):
-        xs[steps, i] = x[i]
-    return total + 0.5 * h * running(c, x) + terminal(c, x)
 
 
 @jit
@@ -138,9 +120,6 @@ def _backward(
     like_x, like_u = c.target, c.control_weights
     n, m = len(like_x), len(like_u)
     steps = us.shape[0]
-    x0 = take(like_x, xs[0], 0)
-    _, like_d = linearise(p, x0, like_u)
-    size = len(like_d)
     a, b = np.empty((n, n)), np.empty((n, m))
     vx, vxx = np.empty(n), np.zeros((n, n))
     va, vb = np.empty((n, n)), np.empty((n, m))
@@ -154,11 +133,10 @@ def _backward(
         vxx[i, i] = 0.5 * h * c.state_weights[i] + c.terminal_weights[i]
     linear, quadratic, largest = 0.0, 0.0, 0.0
     for k in range(steps - 1, -1, -1):
-        step_linearised(p, take(like_x, xs[k], 0), take(like_u, us[k], 0), h, ds, 0)
-        d1, d2 = take(like_d, ds, 0), take(like_d, ds, size)
-        d3, d4 = take(like_d, ds, 2 * size), take(like_d, ds, 3 * size)
+        u = take(like_u, us[k], 0)
+        step_linearised(p, take(like_x, xs[k], 0), u, h, ds, 0)
         for i in range(n):
-            row, column = step_pullback(p, d1, d2, d3, d4, unit(like_x, i), h)
+            row, column = step_pullback(p, ds, 0, u, unit(like_x, i), h)
             for j in range(n):
                 a[i, j] = row[j]
             for j in range(m):
@@ -233,31 +211,13 @@ def _backward(
 
 
 @jit
-def _copy(source: Array, to: Array) -> None:
-    # Written out: the compiler spends longer on one slice assignment than on all that is here.
-    for i in range(source.shape[0]):
-        for j in range(source.shape[1]):
-            to[i, j] = source[i, j]
-
-
-@jit
 def search(
     p: Any, c: Any, x0: Array, us: Array, limits: Array, h: float, iterations: int, tolerance: float,
     xs: Array, us_new: Array, xs_new: Array, ds: Array, ks: Array, gains: Array,
 ) -> tuple[float, int, bool]:  # fmt: skip
     """Improve the schedule us in place; (J, iterations used, converged). J is not finite if nothing was found."""
-    steps, m = us.shape
     start = take(c.target, x0, 0)
-    best = _rollout(p, c, start, us, h, xs)
-    # The schedule may have come from another state: where doing nothing is cheaper, begin there.
-    for k in range(steps):
-        for j in range(m):
-            us_new[k, j] = 0.0
-    idle = _rollout(p, c, start, us_new, h, xs_new)
-    if not best <= idle and math.isfinite(idle):
-        best = idle
-        _copy(us_new, us)
-        _copy(xs_new, xs)
+    best = begin(p, c, start, us, h, xs, us_new, xs_new)
     if not math.isfinite(best):
         return best, 0, False
     damping = 0.0
@@ -279,8 +239,8 @@ def search(
         if improved:
             gain = best - cost
             best = cost
-            _copy(us_new, us)
-            _copy(xs_new, xs)
+            copy(us_new, us)
+            copy(xs_new, xs)
             damping = 0.0 if damping <= DAMPING_FIRST else damping / DAMPING_GROWTH
             if gain <= tolerance * abs(best):
                 return best, iteration + 1, True

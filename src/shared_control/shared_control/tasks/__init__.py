@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from shared_control.parameters import ParameterError
 from shared_control.tasks.task import Robot, Task
 
-__all__ = ["Robot", "Task", "get", "get_from_text", "names"]
+__all__ = ["Robot", "Task", "get", "get_from_text", "names", "parse"]
 
 #: Name of the task: its module and its class. Imported when asked for: no task costs a process that runs another.
 _REGISTRY: dict[str, tuple[str, str]] = {
     "cart_pendulum": ("shared_control.tasks.cart_pendulum", "CartPendulum"),
+    "double_integrator": ("shared_control.tasks.double_integrator", "DoubleIntegrator"),
+    "slip": ("shared_control.tasks.slip", "Slip"),
 }
 
 
@@ -38,12 +40,12 @@ def get(name: str, **parameters: float) -> Task:
     return task
 
 
-def get_from_text(name: str, parameters: Sequence[str]) -> Task:
-    """As :func:`get`, with parameters as ``name=value`` texts.
+def parse(parameters: Sequence[str]) -> dict[str, float]:
+    """Parameters from ``name=value`` texts.
 
     Raises
     ------
-    ParameterError: as :func:`get`, or a text that is not ``name=number``.
+    ParameterError: a text that is not ``name=number``.
     """
     values = {}
     for text in parameters:
@@ -54,4 +56,14 @@ def get_from_text(name: str, parameters: Sequence[str]) -> Task:
             equals = ""
         if not equals:
             raise ParameterError(f"task_parameters: {text!r} is not allowed; it must be name=number, as in length=2.0")
-    return get(name, **values)
+    return values
+
+
+def get_from_text(name: str, parameters: Sequence[str]) -> Task:
+    """As :func:`get`, with parameters as ``name=value`` texts.
+
+    Raises
+    ------
+    ParameterError: as :func:`get` and :func:`parse`.
+    """
+    return get(name, **parse(parameters))

@@ -48,6 +48,11 @@ def linearise(
     return f, ((p.gravity * c + u[0] * s) / p.length, -c / p.length)
 
 
+def partials(p: CartPendulumParameters) -> tuple[float, ...]:
+    """Zeros in place of d."""
+    return (0.0, 0.0)
+
+
 def pullback(
     p: CartPendulumParameters, d: tuple[float, ...], w: tuple[float, ...]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -6,8 +6,18 @@ A task is one module. It holds a NamedTuple of its parameters and, as plain Pyth
     ``dx/dt = f(x, u)``, a tuple of n.
 ``linearise(p, x, u)``
     ``(f(x, u), d)``: the flow, and a tuple ``d`` of the partial derivatives there that are not constant.
+``partials(p)``
+    Zeros, as many as ``d`` has elements.
 ``pullback(p, d, w)``
     ``(w^T df/dx, w^T df/du)``: tuples of n and of m, from the ``d`` of :func:`linearise`.
+
+A hybrid task has a second NamedTuple in the same module, its parameters in a mode ``q``. The functions above take ``q``
+in place of ``p``, and there are more of them (:mod:`shared_control.hybrid` says what is made of them):
+
+``mode(p, x)``, ``in_mode(p, mode)``, ``next_mode(q)``
+    The mode that a state is in, an integer; the parameters in a mode; the mode that follows an event.
+``guard(q, x)``, ``guard_gradient(q, x)``
+    A number that is positive while the mode holds, and its gradient.
 
 These functions are found through the type of the NamedTuple (see :mod:`shared_control.dispatch`), compiled into every
 kernel that needs them, and remain callable as they are. They may use :mod:`math`, arithmetic and branches, nothing
@@ -125,6 +135,14 @@ class Task(ABC):
     def mode(self, x: Array) -> int:
         """Hybrid mode of the task, 0 where it has only one."""
         return 0
+
+    def check_robot(self, robot: Robot) -> None:  # noqa: B027 - most tasks can use any
+        """Whether the task's maps work with this robot; any, unless a task says otherwise.
+
+        Raises
+        ------
+        ParameterError: they do not.
+        """
 
     @abstractmethod
     def control_from_motion(self, motion: EndEffectorMotion, robot: Robot, force: Array | None = None) -> Array:

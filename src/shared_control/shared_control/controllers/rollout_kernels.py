@@ -1,0 +1,58 @@
+"""Kernels that every controller with a schedule shares."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from shared_control.dispatch import effort, jit, running, terminal
+from shared_control.integrate import step
+from shared_control.tasks.task import Array
+from shared_control.tuples import Vector, take
+
+__all__ = ["begin", "copy", "rollout"]
+
+
+@jit
+def rollout(p: Any, c: Any, x0: Vector, us: Array, h: float, xs: Array) -> float:
+    """J of a schedule (N, m) from x0; the trajectory goes to xs."""
+    like_u = c.control_weights
+    n = len(x0)
+    steps = us.shape[0]
+    x = x0
+    total = 0.0
+    for k in range(steps):
+        for i in range(n):
+            xs[k, i] = x[i]
+        u = take(like_u, us[k], 0)
+        total += h * ((0.5 if k == 0 else 1.0) * running(c, x) + effort(c, u))
+        x = step(p, x, u, h)
+    for i in range(n):
+        xs[steps, i] = x[i]
+    return total + 0.5 * h * running(c, x) + terminal(c, x)
+
+
+@jit
+def copy(source: Array, to: Array) -> None:
+    # Written out: the compiler spends longer on one slice assignment than on all that is here.
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            to[i, j] = source[i, j]
+
+
+@jit
+def begin(p: Any, c: Any, start: Vector, us: Array, h: float, xs: Array, us_new: Array, xs_new: Array) -> float:
+    """J of a schedule, which becomes zero throughout where that is cheaper; its trajectory goes to xs.
+
+    The schedule may have come from another state.
+    """
+    best = rollout(p, c, start, us, h, xs)
+    for k in range(us.shape[0]):
+        for j in range(us.shape[1]):
+            us_new[k, j] = 0.0
+    idle = rollout(p, c, start, us_new, h, xs_new)
+    if not best <= idle and math.isfinite(idle):
+        best = idle
+        copy(us_new, us)
+        copy(xs_new, xs)
+    return best

@@ -1,0 +1,157 @@
+"""The figures of docs/results.md, measured again: ``python -m shared_control.reproduce [--seeds N] [CLAIM ...]``.
+
+Headless, with a progress bar for each line; nothing here is tuned to the seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from shared_control import measures
+from shared_control.cost import wrap
+from shared_control.parameters import ParameterError
+from shared_control.scenario import find
+from shared_control.trial import TrialResult, run_trials
+from shared_control.users.presets import PRESETS
+
+__all__ = ["CLAIMS", "Claim", "main", "measure", "scenario"]
+
+#: First of the seeds; used nowhere else.
+FIRST_SEED = 40_000_000
+
+
+class Claim(NamedTuple):
+    """One line of the table."""
+
+    base: str  # scenario
+    changes: Mapping[str, Mapping[str, Any]]  # to its sections, by node
+    seeds: int
+    wanted: str  # in words
+
+
+def _cart(mode: str, wanted: str, seeds: int = 100, **filter_: Any) -> Claim:
+    sd = filter_.pop("sd", None)
+    changes: dict[str, dict[str, Any]] = {"mig_filter": filter_}
+    if sd is not None:
+        changes["user_sim"] = {"noise_sd": [sd]}
+    return Claim(f"cart_pendulum_noise_{mode}", changes, seeds, wanted)
+
+
+def _skilled(preset: str, mode: str, spread: float) -> Claim:
+    changes: dict[str, dict[str, Any]] = {
+        "user_sim": {"user": "mpc", "preset": preset},
+        "task_sim": {"initial_sd": [spread] * 4},
+    }
+    wanted = "always successful" + ("" if mode == "off" else f", PRA <= {0.01 if spread == 0.0 else 0.05}")
+    return Claim(f"cart_pendulum_noise_{mode}", changes, 1 if spread == 0.0 else 20, wanted)
+
+
+_RANDOM = {"mig_filter": {"judge": "random", "rejection_rate": 0.7}}
+
+#: Every claim that can be measured here, by name.
+CLAIMS: dict[str, Claim] = {
+    "cart/noise/assistance": _cart("assistance", "1,000 of 1,000, PRA 0.50 +- 0.02, cart p99 <= 15 m", 1000),
+    "cart/noise/assistance/sac": _cart("assistance", "100 of 100", controller="sac"),
+    "cart/noise/training": _cart("training", "the filter alone rectifies noise"),
+    "cart/noise/off": _cart("off", "0 of 100"),
+    **{
+        f"cart/laboratory/{along}/sd {sd}": _cart(
+            "assistance", "100 of 100" + (", PRA 0.50" if along == "nominal" else ""), horizon=1.0, adjoint_along=along,
+            sd=float(sd),
+        )
+        for along in ("nominal", "user")
+        for sd in (20, 10, 5)
+    },
+    **{
+        f"cart/{preset}/{mode}/{'exact' if spread == 0.0 else 'perturbed'} start": _skilled(preset, mode, spread)
+        for preset in PRESETS["cart_pendulum"]
+        for mode in ("off", "assistance")
+        for spread in (0.0, 0.1)
+    },
+    "slip/noise/off": Claim("slip_noise_off", {}, 100, "falls in 100 of 100"),
+    "slip/noise/assistance": Claim("slip_noise_assistance", {}, 300, "never falls, override 0.70 +- 0.05"),
+    "slip/noise/random rejection": Claim("slip_noise_assistance", _RANDOM, 100, "what replacement alone does"),
+    "slip/noise/training": Claim("slip_noise_training", {}, 100, "reported"),
+    "slip/low skill/off": Claim("slip_low_skill_off", {}, 100, "falls at about 5.5 s in the median"),
+    "slip/low skill/assistance": Claim("slip_low_skill_assistance", {}, 300, "never falls, < 0.40, 0.98 +- 0.05 m/s"),
+    "slip/skilled/off": Claim("slip_skilled_off", {}, 100, "never falls"),
+    "slip/skilled/assistance": Claim("slip_skilled_assistance", {}, 100, "never falls, <= 0.22, 0.06 m/s, r >= 0.98"),
+}  # fmt: skip
+
+
+def scenario(claim: Claim) -> dict[str, Any]:
+    """The claim's scenario: its file with the changes, as a mapping."""
+    import yaml
+
+    content: dict[str, Any] = copy.deepcopy(yaml.safe_load(find(claim.base).read_text()))
+    for node, values in claim.changes.items():
+        content.setdefault(f"/**/{node}", {"ros__parameters": {}})["ros__parameters"].update(values)
+    return content
+
+
+def measure(claim: Claim, seeds: int | None = None, workers: int | None = None) -> str:
+    """Run a claim's trials, as many as it says or fewer, and say in one line what came out."""
+    count = claim.seeds if seeds is None else min(seeds, claim.seeds)
+    results = run_trials(scenario(claim), range(FIRST_SEED, FIRST_SEED + count), workers)
+    first = results[0].measures
+    say: Callable[[list[TrialResult]], str] = (
+        _cart_line if isinstance(first, measures.CartPendulumMeasures) else _slip_line
+    )
+    return say(results)
+
+
+def _field(results: list[TrialResult], name: str) -> np.ndarray:
+    return np.array([getattr(result.measures, name) for result in results], dtype=float)
+
+
+def _cart_line(results: list[TrialResult]) -> str:
+    excursion, to_success = _field(results, "cart_excursion"), _field(results, "time_to_success")
+    pra, pra_trial = (np.nanmean(_field(results, name)) for name in ("pra", "pra_trial"))
+    upright = sum(abs(wrap(float(result.states[-1, 0]))) <= 0.4 for result in results)
+    return (
+        f"{int(_field(results, 'success').sum())} of {len(results)} inverted, {upright} upright at the end; "
+        f"PRA {pra:.3f} ({pra_trial:.3f} over the trial); "
+        f"cart p50 {np.median(excursion):.1f}, p99 {np.percentile(excursion, 99):.1f} m; "
+        f"time to success p50 {np.median(to_success):.1f}, most {to_success.max():.1f} s"
+    )
+
+
+def _slip_line(results: list[TrialResult]) -> str:
+    low, middle, high = np.percentile(_field(results, "fall_time"), [25, 50, 75])
+    fell = int(_field(results, "fell").sum())
+    line = (
+        f"{fell} of {len(results)} fell (quartiles {low:.1f}, {middle:.1f}, {high:.1f} s); "
+        f"override {np.nanmean(_field(results, 'override')):.3f}; {_field(results, 'mean_speed').mean():.3f} m/s"
+    )
+    rmse, correlation = (_field(results, name).mean() for name in ("speed_rmse", "speed_correlation"))
+    if not math.isnan(rmse):
+        line += f", RMSE {rmse:.3f} m/s"
+    return line if math.isnan(correlation) else f"{line}, r {correlation:.3f}"
+
+
+def main() -> None:
+    """Print a row of the table for each claim."""
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("claims", nargs="*", metavar="CLAIM", help="names, or beginnings of names; all if left out")
+    arguments.add_argument("--seeds", type=int, help="at most so many trials for each claim")
+    arguments.add_argument("--workers", type=int, help="processes; as many as there are cores if left out")
+    options = arguments.parse_args()
+    chosen = {name: c for name, c in CLAIMS.items() if not options.claims or name.startswith(tuple(options.claims))}
+    if not chosen:
+        raise ParameterError(f"no claim begins with {', '.join(options.claims)}; there are: {', '.join(CLAIMS)}")
+    print("| claim | wanted | measured |\n| --- | --- | --- |", flush=True)
+    for name, claim in chosen.items():
+        begin = time.perf_counter()
+        line = measure(claim, options.seeds, options.workers)
+        print(f"| {name} | {claim.wanted} | {line} ({time.perf_counter() - begin:.0f} s) |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

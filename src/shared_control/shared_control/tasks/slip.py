@@ -1,0 +1,209 @@
+"""Balance of a spring-loaded inverted pendulum (SLIP): a mass on a springy leg whose foot does not slip.
+
+    stance   x_m'' = F (x_m - x_t),  z_m'' = F z_m - g,  x_t' = 0,    F = (k (l_0 - l_s) + u_s) / (m l_s)
+    flight   x_m'' = 0,              z_m'' = -g,         x_t' = x_m' + u_t
+    fallen   nothing moves
+
+with l_s = sqrt((x_m - x_t)^2 + z_m^2). State ``[x_m, x_m_dot, z_m, z_m_dot, x_t]``, control ``[u_s, u_t]``: thrust of
+the leg, which acts in stance, and velocity of the toe relative to the mass, which acts in flight.
+
+The leg stands while it is shorter than at rest. The guard is g = +-(l_0 - l_s), zero where the paper's guard is meant
+to be, phi = z_m (1 - l_0/l_s) (it prints x_m for the first z_m, and would then depend on where the origin is), without
+phi's other zero at z_m = 0. The reset is the identity. The laboratory's code lets the foot down only while the mass
+sinks and up only while it rises; here the mode is a function of the state, as it must be for a filter that is told
+nothing else. The two part company only where the leg reaches its rest length against the motion of the mass.
+A mass at ``fall_height`` or below has fallen and stays where it is.
+
+The paper says k = l_0 = m = 1. With g = 9.81 m/s^2 no such leg carries its mass: the spring's largest force, k l_0 =
+1 N, is below the weight. The default is the k = 100 N/m of the laboratory's public code; ``stiffness=1`` is the paper's
+literal text, which falls whatever the user does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from shared_control.parameters import ParameterError
+from shared_control.tasks.task import Array, Bound, EndEffectorMotion, Robot, Task
+
+FLIGHT, STANCE, FALLEN = 0, 1, 2
+#: A leg is never computed shorter than this part of its rest length, where its direction is lost.
+SHORTEST = 1e-3
+
+
+class SlipParameters(NamedTuple):
+    """Physical parameters."""
+
+    mass: float = 1.0  # [kg] m
+    stiffness: float = 100.0  # [N/m] k
+    rest_length: float = 1.0  # [m] l_0
+    gravity: float = 9.81  # [m/s^2] g
+    fall_height: float = 0.0  # [m] at or below which the mass has fallen
+
+
+class SlipInMode(NamedTuple):
+    """The parameters, and the mode in which flow and guard are meant."""
+
+    physics: SlipParameters
+    mode: int
+
+
+def mode(p: SlipParameters, x: tuple[float, ...]) -> int:
+    """Mode that a state is in."""
+    if x[2] <= p.fall_height:
+        return FALLEN
+    return STANCE if math.sqrt((x[0] - x[4]) ** 2 + x[2] ** 2) < p.rest_length else FLIGHT
+
+
+def in_mode(p: SlipParameters, mode: int) -> SlipInMode:
+    """The parameters in a mode."""
+    return SlipInMode(p, mode)
+
+
+def next_mode(q: SlipInMode) -> int:
+    """Touchdown and lift-off."""
+    return STANCE if q.mode == FLIGHT else FLIGHT
+
+
+def guard(q: SlipInMode, x: tuple[float, ...]) -> float:
+    """l_s - l_0 in flight, l_0 - l_s in stance."""
+    if q.mode == FALLEN:
+        return 1.0
+    above = math.sqrt((x[0] - x[4]) ** 2 + x[2] ** 2) - q.physics.rest_length
+    return above if q.mode == FLIGHT else -above
+
+
+def guard_gradient(q: SlipInMode, x: tuple[float, ...]) -> tuple[float, ...]:
+    """Gradient of :func:`guard`: the direction of the leg."""
+    if q.mode == FALLEN:
+        return (0.0, 0.0, 0.0, 0.0, 0.0)
+    along = x[0] - x[4]
+    scale = max(math.sqrt(along**2 + x[2] ** 2), SHORTEST * q.physics.rest_length)
+    if q.mode == STANCE:
+        scale = -scale
+    return (along / scale, 0.0, x[2] / scale, 0.0, -along / scale)
+
+
+def flow(q: SlipInMode, x: tuple[float, ...], u: tuple[float, ...]) -> tuple[float, ...]:
+    """f(x, u)."""
+    p = q.physics
+    if q.mode == FALLEN:
+        return (0.0, 0.0, 0.0, 0.0, 0.0)
+    if q.mode == FLIGHT:
+        return (x[1], 0.0, x[3], -p.gravity, x[1] + u[1])
+    along = x[0] - x[4]
+    leg = max(math.sqrt(along**2 + x[2] ** 2), SHORTEST * p.rest_length)
+    push = (p.stiffness * (p.rest_length - leg) + u[0]) / (p.mass * leg)
+    return (x[1], push * along, x[3], push * x[2] - p.gravity, 0.0)
+
+
+def linearise(q: SlipInMode, x: tuple[float, ...], u: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """f(x, u), and d = (dx''/dx, dx''/dz = dz''/dx, dz''/dz, dx''/du_s, dz''/du_s), zero but in stance."""
+    p = q.physics
+    if q.mode == FALLEN:
+        return (0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0)
+    if q.mode == FLIGHT:
+        return (x[1], 0.0, x[3], -p.gravity, x[1] + u[1]), (0.0, 0.0, 0.0, 0.0, 0.0)
+    along = x[0] - x[4]
+    leg = max(math.sqrt(along**2 + x[2] ** 2), SHORTEST * p.rest_length)
+    push = (p.stiffness * (p.rest_length - leg) + u[0]) / (p.mass * leg)
+    f = (x[1], push * along, x[3], push * x[2] - p.gravity, 0.0)
+    # d push / d leg, over leg
+    softer = -(p.stiffness * p.rest_length + u[0]) / (p.mass * leg * leg * leg)
+    return f, (
+        push + softer * along * along,
+        softer * along * x[2],
+        push + softer * x[2] * x[2],
+        along / (p.mass * leg),
+        x[2] / (p.mass * leg),
+    )
+
+
+def partials(q: SlipInMode) -> tuple[float, ...]:
+    """Zeros in place of d."""
+    return (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def pullback(q: SlipInMode, d: tuple[float, ...], w: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(w^T df/dx, w^T df/du)."""
+    if q.mode == FALLEN:
+        return (0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0)
+    if q.mode == FLIGHT:
+        return (0.0, w[0] + w[4], 0.0, w[2], 0.0), (0.0, w[4])
+    to_x = d[0] * w[1] + d[1] * w[3]
+    return (to_x, w[0], d[1] * w[1] + d[2] * w[3], w[2], -to_x), (d[3] * w[1] + d[4] * w[3], 0.0)
+
+
+class Slip(Task):
+    """The paper's second task: keep the mass up, whatever the user does with thrust and toe."""
+
+    name = "slip"
+    state_names = ("x_m", "x_m_dot", "z_m", "z_m_dot", "x_t")
+    state_units = ("m", "m/s", "m", "m/s", "m")
+    control_names = ("thrust", "toe_velocity")
+    control_units = ("N", "m/s")
+    angles = (False, False, False, False, False)
+    #: Height only: the filter knows nothing of the speed that the user wants.
+    state_weights = (0.0, 0.0, 50.0, 0.0, 0.0)
+    control_weights = (0.01, 0.05)
+    terminal_weights = (0.0, 0.0, 0.0, 0.0, 0.0)
+    target = (0.0, 0.0, 1.3, 0.0, 0.0)
+    control_limits = (20.0, 5.0)
+    noise_sd = (20.0, 10.0)
+    #: Upright for as long as the paper's trials last.
+    success_dwell = 30.0
+    parameter_type = SlipParameters
+    parameter_bounds: ClassVar[dict[str, Bound]] = {
+        "mass": Bound("kg", "mass", 0.0, True),
+        "stiffness": Bound("N/m", "spring constant of the leg", 0.0, False),
+        "rest_length": Bound("m", "length of the leg at rest", 0.0, True),
+        "gravity": Bound("m/s^2", "acceleration of gravity", 0.0, False),
+        "fall_height": Bound("m", "height at or below which the mass has fallen", 0.0, False),
+    }
+
+    @property
+    def initial_state(self) -> Array:
+        """In flight above its foot at 0.8 m/s."""
+        return np.array([0.0, 0.8, 1.2 * self.parameters.rest_length, 0.0, 0.0])
+
+    def success_region(self, x: Array) -> bool:
+        """Not fallen."""
+        return not self.failure(x)
+
+    def failure(self, x: Array) -> bool:
+        """The mass is at ``fall_height`` or below."""
+        return bool(x[2] <= self.parameters.fall_height)
+
+    def mode(self, x: Array) -> int:
+        """FLIGHT, STANCE or FALLEN."""
+        return mode(self.parameters, tuple(x))
+
+    def check_robot(self, robot: Robot) -> None:
+        """The toe follows a velocity, which a robot without damping does not tie to a force.
+
+        Raises
+        ------
+        ParameterError: no damping.
+        """
+        if not robot.damping > 0.0:
+            raise ParameterError(
+                f"robot_damping: {robot.damping!r} is not allowed; slip takes the toe's velocity as f_x / b, b above 0"
+            )
+
+    def control_from_motion(self, motion: EndEffectorMotion, robot: Robot, force: Array | None = None) -> Array:
+        """u_s = f_z as admitted, u_t = velocity of the end effector along x at the end of the sample.
+
+        With m << b t_s that velocity is f_x / b: for the shipped scenarios to the last bit.
+        """
+        return np.array([0.0 if force is None else force[2], motion.velocity[0]])
+
+    def control_from_wrench(self, force: Array, robot: Robot) -> Array:
+        """u_s = f_z, u_t = f_x / b."""
+        return np.array([force[2], force[0] / robot.damping])
+
+    def wrench_from_control(self, u: Array, robot: Robot) -> Array:
+        """f = (b u_t, 0, u_s)."""
+        return np.array([robot.damping * u[1], 0.0, u[0]])

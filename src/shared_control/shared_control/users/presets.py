@@ -1,0 +1,84 @@
+"""Named objectives of simulated users who know what they want: model predictive control with these numbers.
+
+Cart-pendulum: three strategies that invert it without help. SLIP: a skilled user, who runs at a varying speed and at a
+height that a leg can reach, and a low-skill user, who aims below the rest length and falls. The paper says this in
+words ('Simulated User Results', 'SLIP - Safety'); its numbers are lost, these are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from shared_control.parameters import ParameterError
+
+__all__ = ["PRESETS", "Preset", "get", "names"]
+
+Numbers = tuple[float, ...]
+
+
+class Preset(NamedTuple):
+    """Objective (:mod:`shared_control.cost`) and search of one user; the target sways about its middle.
+
+    x_d(t) = target + sway sin(2 pi t / period)
+    """
+
+    horizon: float  # [s]
+    state_weights: Numbers
+    control_weights: Numbers
+    terminal_weights: Numbers
+    target: Numbers
+    limits: Numbers
+    sway: Numbers = ()
+    period: float = 10.0  # [s]
+    iterations: int = 5
+
+    def aim(self, time: float) -> Numbers:
+        """x_d at a time [s]."""
+        if not self.sway:
+            return self.target
+        phase = math.sin(2.0 * math.pi * time / self.period)
+        return tuple(middle + swing * phase for middle, swing in zip(self.target, self.sway, strict=True))
+
+
+_UPRIGHT = (0.0, 0.0, 0.0, 0.0)
+
+PRESETS: dict[str, dict[str, Preset]] = {
+    "cart_pendulum": {
+        # Little energy, near the origin.
+        "economical": Preset(2.4, (100.0, 0.2, 5.0, 2.5), (11.0,), (0.0,) * 4, _UPRIGHT, (20.0,)),
+        # Whatever the way, upright at the end of the horizon.
+        "goal": Preset(2.5, (10.0, 0.2, 0.2, 0.01), (2.7,), (200.0, 20.0, 2.0, 0.1), _UPRIGHT, (20.0,)),
+        # A weak hand: it must swing to and fro before the pendulum goes up.
+        "pumping": Preset(2.4, (100.0, 0.2, 2.0, 1.0), (2.0,), (0.0,) * 4, _UPRIGHT, (6.0,)),
+    },
+    "slip": {
+        "skilled": Preset(
+            0.8, (0.0, 20.0, 50.0, 0.0, 0.0), (0.01, 0.05), (0.0,) * 5, (0.0, 0.8, 1.1, 0.0, 0.0), (20.0, 5.0),
+            sway=(0.0, 0.5, 0.0, 0.0, 0.0), iterations=8,
+        ),
+        "low_skill": Preset(
+            0.7, (0.0, 20.0, 50.0, 0.0, 0.0), (0.01, 0.05), (0.0,) * 5, (0.0, 1.0, 0.85, 0.0, 0.0), (20.0, 5.0),
+            iterations=8,
+        ),
+    },
+}  # fmt: skip
+
+
+def names() -> tuple[str, ...]:
+    """Names of all presets, of all tasks."""
+    return tuple(name for presets in PRESETS.values() for name in presets)
+
+
+def get(task: str, name: str = "") -> Preset:
+    """The preset of a task; its first if no name is given.
+
+    Raises
+    ------
+    ParameterError: the task has none of this name.
+    """
+    presets = PRESETS.get(task, {})
+    if not presets or (name and name not in presets):
+        known = ", ".join(presets) or "none"
+        raise ParameterError(f"preset: {name!r} is not allowed; {task} has {known}")
+    return presets[name or next(iter(presets))]

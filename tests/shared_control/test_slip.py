@@ -1,0 +1,240 @@
+"""SLIP: flow, events and their derivatives against an oracle of its own; energy, symmetries, falling."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from shared_control import controllers, tasks
+from shared_control.cost import quadratic
+from shared_control.integrate import Stepper
+from shared_control.mig import ALONG, Criterion
+from shared_control.parameters import ParameterError
+
+TASK = tasks.get("slip")
+COST = quadratic(TASK)
+K, G = 100.0, 9.81
+DT = 0.01
+
+
+def leg(x):
+    return math.hypot(x[0] - x[4], x[2])
+
+
+def rates(x, u, standing):
+    if not standing:
+        return np.array([x[1], 0.0, x[3], -G, x[1] + u[1]])
+    force = (K * (1.0 - leg(x)) + u[0]) / leg(x)
+    return np.array([x[1], force * (x[0] - x[4]), x[3], force * x[2] - G, 0.0])
+
+
+def exact(x, u, duration, switch_at=None):
+    """(state, times of events) by DOP853; events located, or the mode switched at a given time."""
+    x, t, standing, events = np.array(x, dtype=float), 0.0, leg(x) < 1.0, []
+    while duration - t > 1e-13:
+
+        def crossing(_, y):
+            return leg(y) - 1.0
+
+        crossing.terminal, crossing.direction = switch_at is None, (1.0 if standing else -1.0)
+        until = duration if switch_at is None or events else switch_at
+        span = solve_ivp(
+            lambda _, y, standing=standing: rates(y, u, standing), (t, until), x, method="DOP853",
+            rtol=3e-14, atol=1e-14, events=crossing,
+        )  # fmt: skip
+        x, t = span.y[:, -1], span.t[-1]
+        if duration - t > 1e-13:
+            standing = not standing
+            events.append(t)
+    return x, events
+
+
+def advance(x, u, steps, dt=DT, task=TASK):
+    stepper, x = Stepper(task, dt), np.array(x, dtype=float)
+    nodes = [x.copy()]
+    for _ in range(steps):
+        stepper.advance(x, np.array(u, dtype=float))
+        nodes.append(x.copy())
+    return np.array(nodes)
+
+
+TOUCHDOWN = (0.1, 0.7, 0.995, -1.2, 0.23), (3.0, -0.8)
+LIFT_OFF = (0.1, 0.9, 0.985, 1.6, 0.03), (3.0, -0.8)
+
+
+@pytest.mark.parametrize(("x", "u"), [TOUCHDOWN, LIFT_OFF, ((0.0, 0.3, 1.2, 0.0, -0.02), (5.0, 0.1))])
+def test_flow_and_events_against_dop853(x, u):
+    """A touchdown; a lift-off; a fall, a bounce and the flight after it."""
+    steps = 70 if x[2] > 1.1 else 4
+    end, events = exact(x, u, steps * DT)
+    assert len(events) == (2 if steps > 4 else 1)
+    np.testing.assert_allclose(advance(x, u, steps)[-1], end, rtol=0.0, atol=5e-6)
+    np.testing.assert_allclose(advance(x, u, 4 * steps, DT / 4)[-1], end, rtol=0.0, atol=5e-8)
+
+
+def differences(function, x, u, width):
+    """Five-point differences with respect to each state and each control."""
+    whole = np.concatenate([x, u])
+    columns = []
+    for i in range(7):
+        ends = {}
+        for s in (-2, -1, 1, 2):
+            bumped = whole.copy()
+            bumped[i] += s * width
+            ends[s] = function(bumped[:5], bumped[5:])
+        columns.append((8 * (ends[1] - ends[-1]) - (ends[2] - ends[-2])) / (12 * width))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize(("x", "u"), [TOUCHDOWN, LIFT_OFF])
+def test_jacobians_across_an_event(x, u):
+    """Against differences of the exact flow with located events, and far from those with the event's time held."""
+    _, (event,) = exact(x, u, DT)
+    found = np.hstack(Stepper(TASK, DT).jacobians(np.array(x), np.array(u)))
+    slope = differences(lambda x, u: exact(x, u, DT)[0], x, u, 1e-4)
+    # What is left is the error of RK4 at 10 ms.
+    np.testing.assert_allclose(found, slope, rtol=0.0, atol=2e-5)
+    # What the derivative would be without the saltation matrix.
+    held = differences(lambda x, u: exact(x, u, DT, switch_at=event)[0], x, u, 1e-4)
+    assert np.abs(found - held).max() > 0.01
+
+
+class Plain:
+    """The discrete task once more, in plain Python: RK4 and bisection."""
+
+    @staticmethod
+    def rk4(x, u, h, standing):
+        a = rates(x, u, standing)
+        b = rates(x + h / 2 * a, u, standing)
+        c = rates(x + h / 2 * b, u, standing)
+        d = rates(x + h * c, u, standing)
+        return x + h / 6 * (a + 2 * b + 2 * c + d)
+
+    def step(self, x, u, h):
+        standing = leg(x) < 1.0
+        whole = self.rk4(x, u, h, standing)
+        if (leg(whole) < 1.0) == standing:
+            return whole, 0
+        low, high = 0.0, h
+        while high - low > 1e-16 and low < 0.5 * (low + high) < high:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if (leg(self.rk4(x, u, middle, standing)) < 1.0) == standing else (low, middle)
+        return self.rk4(self.rk4(x, u, high, standing), u, h - high, not standing), 1
+
+    def cost(self, x, first, steps):
+        """State's part of J, the number of events, and whether the trajectory is one that can be differenced."""
+        total, events, regular, last = 0.0, 0, True, -10
+        for k in range(steps + 1):
+            share = 0.5 if k in (0, steps) else 1.0
+            total += share * DT * 0.5 * 50.0 * (x[2] - 1.3) ** 2
+            if k < steps:
+                x, happened = self.step(x, first if k == 0 else np.zeros(2), DT)
+                events += happened
+                if happened:
+                    # Switches in neighbouring samples are a sliding foot: no derivative there.
+                    regular = regular and k - last > 2
+                    last = k
+        return total, events, regular and x[2] > 0.05
+
+
+@pytest.mark.parametrize("along", ALONG)
+def test_criterion_against_differences_across_events(along):
+    plain, rng, steps = Plain(), np.random.default_rng(5), 60
+    criterion = Criterion(TASK, COST, horizon=steps * DT, dt=DT, adjoint_along=along)
+    compared = 0
+    for _ in range(60):
+        x = np.array([0.0, rng.uniform(-1, 1), rng.uniform(0.8, 1.3), rng.uniform(-1.5, 1.5), rng.uniform(-0.2, 0.2)])
+        u = rng.normal(0.0, 1.0, 2) * (20.0, 5.0)
+        centre, width = (0.0 if along == "nominal" else 1.0), 1e-4
+        values = {s: plain.cost(x, (centre + s * width) * u, steps) for s in (-2, -1, 0, 1, 2)}
+        events = {value[1] for value in values.values()}
+        if events == {0} or len(events) > 1 or not all(value[2] for value in values.values()):
+            continue
+        slope = (8 * (values[1][0] - values[-1][0]) - (values[2][0] - values[-2][0])) / (12 * width)
+        scale = max(abs(slope), 1e-3)
+        assert criterion(x, u) == pytest.approx(slope, abs=1e-5 * scale)
+        compared += 1
+    assert compared >= 20
+
+
+def test_energy():
+    """Kept to rounding in flight, to the order of RK4 in stance."""
+
+    def energy(x):
+        spring = 0.5 * K * max(1.0 - leg(x), 0.0) ** 2
+        return 0.5 * (x[1] ** 2 + x[3] ** 2) + G * x[2] + spring
+
+    flight = advance((0.0, 0.5, 3.0, 2.0, 0.0), (0.0, 0.0), 50)
+    assert [energy(x) for x in flight] == pytest.approx(50 * [energy(flight[0])] + [energy(flight[0])], rel=1e-14)
+    drift = []
+    for parts in (1, 2):
+        bounce = advance((0.0, 0.3, 1.2, 0.0, -0.02), (0.0, 0.0), 70 * parts, DT / parts)
+        assert {TASK.mode(x) for x in bounce} == {0, 1}
+        drift.append(max(abs(energy(x) - energy(bounce[0])) for x in bounce))
+    assert drift[0] < 1e-5
+    assert 8.0 < drift[0] / drift[1] < 40.0
+
+
+def test_one_switch_in_a_bounce():
+    """Down, up, and nothing between: no chattering, no missed event."""
+    modes = [TASK.mode(x) for x in advance((0.0, 0.3, 1.2, 0.0, -0.02), (0.0, 0.0), 70)]
+    assert np.count_nonzero(np.diff(modes)) == 2
+
+
+def test_short_contact_is_not_missed():
+    """Contact that begins and ends within one sample changes the state, as the exact flow says."""
+    x, u = (0.0, 0.0, 1.0 + 2e-5, -0.04, 0.0), (20.0, 0.0)
+    end, events = exact(x, u, DT)
+    assert len(events) == 2
+    np.testing.assert_allclose(advance(x, u, 1)[-1], end, rtol=0.0, atol=5e-7)
+    assert abs(end[3] - (x[3] - G * DT)) > 1e-3
+
+
+def test_mirror_and_shift():
+    x, u = np.array(TOUCHDOWN[0]), np.array(TOUCHDOWN[1])
+    straight = advance(x, u, 60)
+    sign = np.array([-1.0, -1.0, 1.0, 1.0, -1.0])
+    assert np.array_equal(advance(sign * x, (u[0], -u[1]), 60), sign * straight)
+    shift = np.array([5.0, 0.0, 0.0, 0.0, 5.0])
+    np.testing.assert_allclose(advance(x + shift, u, 60), straight + shift, atol=1e-9)
+
+
+def test_the_papers_literal_values_fall():
+    """k = 1 N/m cannot carry 1 kg."""
+    task = tasks.get("slip", stiffness=1.0)
+    for speed in (0.0, 0.8):
+        nodes = advance((0.0, speed, 1.2, 0.0, 0.0), (0.0, 0.0), 100, task=task)
+        assert task.failure(nodes[-1])
+        assert task.mode(nodes[-1]) == 2
+        assert np.array_equal(nodes[-1], nodes[-2])
+
+
+anything = st.floats(-50.0, 50.0)
+
+
+@settings(max_examples=100)
+@given(st.tuples(anything, anything, st.floats(-1.0, 5.0), anything, anything), st.tuples(anything, anything))
+def test_never_a_number_that_is_not_finite(x, u):
+    assert np.all(np.isfinite(advance(x, u, 30)))
+    criterion = Criterion(TASK, COST, horizon=0.3, dt=DT, adjoint_along="user")
+    assert math.isfinite(criterion(np.array(x), np.array(u)))
+    solution = controllers.make("ilqr", TASK, COST, horizon=0.3).solve(np.array(x))
+    assert np.all(np.abs(solution.control) <= TASK.control_limits)
+
+
+def test_maps():
+    robot = tasks.Robot(0.01, 40.0)
+    u = np.array([7.0, -3.0])
+    force = TASK.wrench_from_control(u, robot)
+    assert np.array_equal(TASK.control_from_wrench(force, robot), u)
+    from shared_control.admittance import Admittance
+
+    motion = Admittance(robot=robot).step(force)
+    assert TASK.control_from_motion(motion, robot, force) == pytest.approx(u, rel=1e-15)
+    with pytest.raises(ParameterError, match="robot_damping"):
+        TASK.check_robot(tasks.Robot())
