@@ -50,7 +50,8 @@ def test_separate_and_composed_are_identical(runs: dict[str, Any]) -> None:
 def test_what_a_run_leaves(runs: dict[str, Any]) -> None:
     out, result = runs["processes"]
     assert str(out / "bag") in result.stdout
-    assert "accepted" in result.stdout and "200, 200 of 200" in result.stdout
+    assert "accepted" in result.stdout
+    assert "200, 200 of 200" in result.stdout
     page = (out / "report.html").read_text()
     assert page.count("<svg") >= 4
     assert "time to success" in page

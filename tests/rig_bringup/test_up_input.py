@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -138,3 +139,23 @@ def test_the_include_path_mend_is_idempotent(tmp_path: Path) -> None:
     assert str(tmp_path / "packages" / "numpy" / "_core" / "include") in text
     assert mend_include_paths(tmp_path, tmp_path / "packages") == 0
     assert target.read_text() == text
+
+
+def test_within_its_own_environment_the_set_up_has_nothing_new_to_do() -> None:
+    program = (
+        "import sys, pathlib; from rig_bringup.provision.steps import Places, steps;"
+        "print([step.digest for step in steps(Places(pathlib.Path(sys.argv[1])))])"
+    )
+    base = sys._base_executable  # type: ignore[attr-defined]
+    said = {
+        python: subprocess.run(
+            [python, "-c", program, str(ROOT)],
+            env={**os.environ, "PYTHONPATH": str(ROOT / "src" / "rig_bringup")},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for python in (sys.executable, base)
+    }
+    assert base != sys.executable
+    assert len(set(said.values())) == 1

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rig_study.recorded import MODES, PACINGS, PHASES, RecordedTrial, load
-from shared_control import measures
+from shared_control import measures, tasks
 
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -73,20 +73,37 @@ def _short(value: float) -> str:
 
 
 def _measures(trial: RecordedTrial) -> dict[str, str]:
-    if trial.trial.task != "cart_pendulum":
+    known = {"cart_pendulum": _cart_pendulum, "slip": _slip}
+    if trial.trial.task not in known:
         return {"in success region": f"{100 * float(np.mean(trial.in_success_region)):.1f} % of the time"}
-    acted = np.any(trial.user_control != 0.0, axis=1)
-    found = measures.cart_pendulum(
-        trial.states, trial.sample_time, action=acted[:-1], intervened=trial.verdict[:-1] != 0
-    )
+    acted = np.any(trial.user_control != 0.0, axis=1)[:-1]
+    return known[trial.trial.task](trial, acted, trial.verdict[:-1] != 0)
+
+
+def _cart_pendulum(trial: RecordedTrial, acted: np.ndarray, intervened: np.ndarray) -> dict[str, str]:
+    found = measures.cart_pendulum(trial.states, trial.sample_time, action=acted, intervened=intervened)
     return {
         "success": "yes" if found.success else "no",
         "time to success": f"{found.time_to_success:.2f} s",
         "balance time": f"{found.balance_time:.2f} s",
         "RMS error (1: hanging)": f"{found.rms_error:.3f}",
-        "rejected to success": "-" if math.isnan(found.pra) else f"{100 * found.pra:.1f} %",
+        "rejected to success": _percent(found.pra),
         "cart excursion": f"{found.cart_excursion:.2f} m",
     }
+
+
+def _slip(trial: RecordedTrial, acted: np.ndarray, intervened: np.ndarray) -> dict[str, str]:
+    fall_height = tasks.get("slip").parameters.fall_height
+    found = measures.slip(trial.states, trial.sample_time, action=acted, intervened=intervened, fall_height=fall_height)
+    return {
+        "fell": f"at {found.fall_time:.2f} s" if found.fell else "no",
+        "override": _percent(found.override),
+        "mean speed": f"{found.mean_speed:.3f} m/s",
+    }
+
+
+def _percent(share: float) -> str:
+    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
 
 
 def summarize(bag: str | Path) -> str:

@@ -40,10 +40,15 @@ def uses_wheels() -> bool:
     return not sourced_distro()
 
 
+def base_python() -> str:
+    """The interpreter behind any virtual environment: the one that set-up starts from, within `./rig shell` too."""
+    return os.path.realpath(getattr(sys, "_base_executable", sys.executable))
+
+
 def python_finding() -> Finding:
     """The interpreter: its version, and whether it can make virtual environments."""
     version = sys.version_info[:2]
-    found = f"Python {platform.python_version()} at {sys.executable}"
+    found = f"Python {platform.python_version()} at {base_python()}"
     if version < PYTHONS[0] or (uses_wheels() and version not in PYTHONS):
         low, high = (".".join(map(str, v)) for v in (PYTHONS[0], PYTHONS[-1]))
         return Finding("python", False, found, f"use Python {low} to {high}: RIG_PYTHON=/path/to/python3 ./rig ...")

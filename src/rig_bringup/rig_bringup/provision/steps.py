@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig_bringup.provision.machine import MachineError, uses_wheels
+from rig_bringup.provision.machine import MachineError, base_python, uses_wheels
 
 Run = Callable[[list[str]], None]
 
@@ -71,7 +71,7 @@ class Step:
 def steps(places: Places) -> list[Step]:
     """All steps, in order."""
     wheels = uses_wheels()
-    route = f"{sys.version} {sys.executable} {'wheels' if wheels else os.environ['AMENT_PREFIX_PATH']}"
+    route = f"{sys.version} {base_python()} {'wheels' if wheels else os.environ['AMENT_PREFIX_PATH']}"
     found = [Step("venv", "virtual environment", _digest([route]), lambda run: _make_venv(places, run))]
     files = ["rig.txt", "test.txt"]
     if wheels:
@@ -118,7 +118,7 @@ def _build_inputs(source: Path) -> Iterator[Path]:
 
 def _make_venv(places: Places, run: Run) -> None:
     extra = [] if uses_wheels() else ["--system-site-packages"]
-    run([sys.executable, "-m", "venv", "--clear", *extra, str(places.venv)])
+    run([base_python(), "-m", "venv", "--clear", *extra, str(places.venv)])
 
 
 def _pip(places: Places, *arguments: str) -> list[str]:
