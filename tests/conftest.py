@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 from node_graph import Graph
+
+# A machine that stalls is no fault of the code: no test has a deadline.
+settings.register_profile("rig", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("rig")
 
 
 @pytest.fixture(params=["events", "single"])

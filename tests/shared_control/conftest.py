@@ -10,11 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import settings
-
-# A machine may stall at any time: no test asserts a duration.
-settings.register_profile("unhurried", deadline=None)
-settings.load_profile("unhurried")
 
 
 class Oracle:
