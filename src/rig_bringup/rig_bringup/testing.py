@@ -1,4 +1,4 @@
-"""`./rig test`: lint, types, dependencies, then every test; pytest's summary comes last."""
+"""`./rig test`: lint, types, dependencies, then the tests; pytest's summary comes last."""
 
 from __future__ import annotations
 
