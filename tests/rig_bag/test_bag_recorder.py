@@ -184,6 +184,32 @@ def test_a_lost_tick_is_said(graph: Any, tmp_path: Path, trial_state: Callable[.
     assert info(tmp_path / "bag").metadata.custom_data["complete"] == "false"
 
 
+def test_an_ended_trial_is_waited_for_while_its_ticks_still_come(
+    graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("rig_bag.recorder._now", lambda: clock[0])
+    loop = Loop(graph, trial_state)
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"), settle_limit=5.0)
+    graph.until(_matched(recorder, *loop.publishers.values(), loop.trial))
+    loop.announce(TrialState.PHASE_RUNNING)
+    loop.announce(TrialState.PHASE_FINISHED, 5)
+    graph.until(lambda: recorder.recording.trial is not None and recorder.recording.trial.ended)
+    for tick in range(4):
+        clock[0] += 4.0
+        before = _written(recorder)
+        loop.tick(tick)
+        graph.until(lambda before=before: _written(recorder) >= before + len(LOOP))
+
+    def silent() -> bool:
+        clock[0] += 1.0
+        return bool(recorder.closed.done())
+
+    graph.until(silent)
+    graph.until(lambda: not loop.states[-1].recording)
+    assert loop.states[-1].lost == len(LOOP)
+
+
 def test_an_old_trial_does_not_end_a_new_bag(
     single_graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]
 ) -> None:

@@ -36,6 +36,10 @@ class RecorderConfig:
     follow_trial: bool = parameter(True, "record trial/state, and close the bag when the trial has ended")
     progress_ticks: int = parameter(25, "ticks between two messages on recorder/state", ge=1, le=100_000)
     settle_limit: float = parameter(
-        5.0, "how long an ended trial is waited for what is missing", unit="s", ge=0.0, le=3600.0
+        5.0,
+        "how long an ended trial that lacks ticks must be silent before the bag is closed",
+        unit="s",
+        ge=0.0,
+        le=3600.0,
     )
     attachments: tuple[str, ...] = parameter(("",), "files to store in the bag, such as the scenario")

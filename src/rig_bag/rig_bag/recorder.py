@@ -43,6 +43,7 @@ __all__ = ["RecorderNode", "main"]
 _SEARCH_PERIOD = 0.05  # [s] between looks for publishers while a listed topic has none
 _WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and between flushes
 _SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
+_now = time.monotonic
 
 
 class RecorderNode(RigNode):
@@ -65,7 +66,7 @@ class RecorderNode(RigNode):
         self._subscriptions_of: dict[str, Any] = {}
         self._skipped: set[str] = set()
         self._settle: Any = None
-        self._settled_at = 0
+        self._settled_at = self._settled_ticks = 0
         self._recorded_uid = 0
         self._reason = ""
         #: Whether something is missing in the bag because it could not be written.
@@ -263,18 +264,22 @@ class RecorderNode(RigNode):
         recording.follow(trial)
         if trial.ended:
             self._settled_at = -1
-            self._deadline = time.monotonic() + self.config.settle_limit
+            self._settled_ticks = -1
             self._settle.reset()
 
     def _check_settled(self) -> None:
-        """Close once everything is here and nothing more comes, or the wait has been long enough."""
+        """Close once everything is here and nothing more comes, or nothing has come for long enough."""
         recording = self.recording
         if recording is None or recording.trial is None:
             self._settle.cancel()
             return
-        late = time.monotonic() >= self._deadline
         quiet = recording.writer.messages == self._settled_at
         self._settled_at = recording.writer.messages
+        if recording.ticks_received() != self._settled_ticks:
+            # A machine that is behind still brings what is missing: the limit is one of silence.
+            self._settled_ticks = recording.ticks_received()
+            self._deadline = _now() + self.config.settle_limit
+        late = _now() >= self._deadline
         if (quiet and (recording.complete() or recording.trial.phase == Trial.ABORTED)) or late:
             self.close(f"trial {'finished' if recording.trial.phase == Trial.FINISHED else 'aborted'}")
 

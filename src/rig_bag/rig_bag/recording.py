@@ -253,6 +253,10 @@ class Recording:
         trial = self.trial
         return trial is not None and all(ticks.newest >= trial.last_tick for ticks in self._gating)
 
+    def ticks_received(self) -> int:
+        """How many messages of per-tick topics have come so far."""
+        return sum(ticks.received for ticks in self._all)
+
     # -- the account -------------------------------------------------------------------------------------------------
 
     def lost(self) -> int:

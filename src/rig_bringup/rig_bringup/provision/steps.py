@@ -174,6 +174,9 @@ def _build(places: Places, wheels: bool, run: Run) -> None:
     colcon = ["python", "-m", "colcon"] if wheels else ["colcon"]
     colcon += ["build", "--symlink-install", "--event-handlers", "console_direct+", "event_log-", "status-"]
     options = ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev"]
+    if wheels:
+        # The wheels have no C++ side that could use the messages.
+        options.append("-DMIG_INTERFACES_CPP=OFF")
     run(["env", "-C", str(places.workspace), *environment, *colcon, *options])
 
 
