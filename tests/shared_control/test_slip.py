@@ -26,6 +26,12 @@ def leg(x):
     return math.hypot(x[0] - x[4], x[2])
 
 
+def guard(x, standing):
+    """Positive while the mode holds: touchdown sinking and no longer than at rest, lift-off rising and no shorter."""
+    above = leg(x) - 1.0
+    return max(-above, -x[3]) if standing else max(above, x[3])
+
+
 def rates(x, u, standing):
     if not standing:
         return np.array([x[1], 0.0, x[3], -G, x[1] + u[1]])
@@ -38,10 +44,10 @@ def exact(x, u, duration, switch_at=None):
     x, t, standing, events = np.array(x, dtype=float), 0.0, leg(x) < 1.0, []
     while duration - t > 1e-13:
 
-        def crossing(_, y):
-            return leg(y) - 1.0
+        def crossing(_, y, standing=standing):
+            return guard(y, standing)
 
-        crossing.terminal, crossing.direction = switch_at is None, (1.0 if standing else -1.0)
+        crossing.terminal, crossing.direction = switch_at is None, -1.0
         until = duration if switch_at is None or events else switch_at
         span = solve_ivp(
             lambda _, y, standing=standing: rates(y, u, standing), (t, until), x, method="DOP853",
@@ -54,13 +60,14 @@ def exact(x, u, duration, switch_at=None):
     return x, events
 
 
-def advance(x, u, steps, dt=DT, task=TASK):
+def advance(x, u, steps, dt=DT, task=TASK, mode=None):
+    """Nodes and modes of a trajectory under a control that is held."""
     stepper, x = Stepper(task, dt), np.array(x, dtype=float)
-    nodes = [x.copy()]
+    nodes, modes = [x.copy()], [task.mode(x) if mode is None else mode]
     for _ in range(steps):
-        stepper.advance(x, np.array(u, dtype=float))
+        modes.append(stepper.advance(x, np.array(u, dtype=float), modes[-1]))
         nodes.append(x.copy())
-    return np.array(nodes)
+    return np.array(nodes), modes
 
 
 TOUCHDOWN = (0.1, 0.7, 0.995, -1.2, 0.23), (3.0, -0.8)
@@ -73,8 +80,8 @@ def test_flow_and_events_against_dop853(x, u):
     steps = 70 if x[2] > 1.1 else 4
     end, events = exact(x, u, steps * DT)
     assert len(events) == (2 if steps > 4 else 1)
-    np.testing.assert_allclose(advance(x, u, steps)[-1], end, rtol=0.0, atol=5e-6)
-    np.testing.assert_allclose(advance(x, u, 4 * steps, DT / 4)[-1], end, rtol=0.0, atol=5e-8)
+    np.testing.assert_allclose(advance(x, u, steps)[0][-1], end, rtol=0.0, atol=5e-6)
+    np.testing.assert_allclose(advance(x, u, 4 * steps, DT / 4)[0][-1], end, rtol=0.0, atol=5e-8)
 
 
 def differences(function, x, u, width):
@@ -115,28 +122,28 @@ class Plain:
         d = rates(x + h * c, u, standing)
         return x + h / 6 * (a + 2 * b + 2 * c + d)
 
-    def step(self, x, u, h):
-        standing = leg(x) < 1.0
+    def step(self, x, standing, u, h):
+        """State and mode after a step, and the number of events in it."""
         whole = self.rk4(x, u, h, standing)
-        if (leg(whole) < 1.0) == standing:
-            return whole, 0
+        if guard(whole, standing) > 0.0:
+            return whole, standing, 0
         low, high = 0.0, h
         while high - low > 1e-16 and low < 0.5 * (low + high) < high:
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if (leg(self.rk4(x, u, middle, standing)) < 1.0) == standing else (low, middle)
-        return self.rk4(self.rk4(x, u, high, standing), u, h - high, not standing), 1
+            low, high = (middle, high) if guard(self.rk4(x, u, middle, standing), standing) > 0.0 else (low, middle)
+        return self.rk4(self.rk4(x, u, high, standing), u, h - high, not standing), not standing, 1
 
     def cost(self, x, first, steps):
         """State's part of J, the number of events, and whether the trajectory is one that can be differenced."""
-        total, events, regular, last = 0.0, 0, True, -10
+        total, events, regular, last, standing = 0.0, 0, True, -10, leg(x) < 1.0
         for k in range(steps + 1):
             share = 0.5 if k in (0, steps) else 1.0
             total += share * DT * 0.5 * 50.0 * (x[2] - 1.3) ** 2
             if k < steps:
-                x, happened = self.step(x, first if k == 0 else np.zeros(2), DT)
+                x, standing, happened = self.step(x, standing, first if k == 0 else np.zeros(2), DT)
                 events += happened
                 if happened:
-                    # Switches in neighbouring samples are a sliding foot: no derivative there.
+                    # Plain locates one event in a sample.
                     regular = regular and k - last > 2
                     last = k
         return total, events, regular and x[2] > 0.05
@@ -169,12 +176,12 @@ def test_energy():
         spring = 0.5 * K * max(1.0 - leg(x), 0.0) ** 2
         return 0.5 * (x[1] ** 2 + x[3] ** 2) + G * x[2] + spring
 
-    flight = advance((0.0, 0.5, 3.0, 2.0, 0.0), (0.0, 0.0), 50)
+    flight, _ = advance((0.0, 0.5, 3.0, 2.0, 0.0), (0.0, 0.0), 50)
     assert [energy(x) for x in flight] == pytest.approx(50 * [energy(flight[0])] + [energy(flight[0])], rel=1e-14)
     drift = []
     for parts in (1, 2):
-        bounce = advance((0.0, 0.3, 1.2, 0.0, -0.02), (0.0, 0.0), 70 * parts, DT / parts)
-        assert {TASK.mode(x) for x in bounce} == {0, 1}
+        bounce, modes = advance((0.0, 0.3, 1.2, 0.0, -0.02), (0.0, 0.0), 70 * parts, DT / parts)
+        assert set(modes) == {0, 1}
         drift.append(max(abs(energy(x) - energy(bounce[0])) for x in bounce))
     assert drift[0] < 1e-5
     assert 8.0 < drift[0] / drift[1] < 40.0
@@ -182,8 +189,42 @@ def test_energy():
 
 def test_one_switch_in_a_bounce():
     """Down, up, and nothing between: no chattering, no missed event."""
-    modes = [TASK.mode(x) for x in advance((0.0, 0.3, 1.2, 0.0, -0.02), (0.0, 0.0), 70)]
+    _, modes = advance((0.0, 0.3, 1.2, 0.0, -0.02), (0.0, 0.0), 70)
     assert np.count_nonzero(np.diff(modes)) == 2
+
+
+FLIGHT, STANCE = 0, 1
+
+
+def test_a_foot_that_swings_under_a_rising_mass_does_not_touch():
+    """The leg becomes shorter than at rest, and touches at the apex, where the mass begins to sink."""
+    nodes, modes = advance((0.0, 0.0, 0.95, 0.5, -0.4), (0.0, 5.0), 8)
+    assert leg(nodes[0]) > 1.0 > leg(nodes[4])
+    rising = nodes[:, 3] > 0.0
+    assert [mode == FLIGHT for mode in modes] == list(rising)
+    # In free fall until then, and carried by the spring after.
+    np.testing.assert_allclose(nodes[rising, 3], 0.5 - G * DT * np.arange(rising.sum()), atol=1e-12)
+    assert nodes[-1, 3] > 0.5 - G * DT * 8
+
+
+def test_a_foot_that_a_sinking_mass_leaves_behind_stays():
+    """The leg becomes longer than at rest, and lifts off once the mass rises."""
+    nodes, modes = advance((0.4, 2.5, 0.9, -0.1, 0.0), (0.0, 0.0), 3)
+    assert leg(nodes[0]) < 1.0 < leg(nodes[-1])
+    assert np.all(nodes[:, 3] < 0.0)
+    assert set(modes) == {STANCE}
+    assert np.all(nodes[:, 4] == 0.0)
+    assert advance((0.4, 2.0, 0.95, 0.3, 0.0), (0.0, 0.0), 1, mode=STANCE)[1] == [STANCE, FLIGHT]
+
+
+def test_the_mode_is_part_of_what_is_judged():
+    """Under a rising mass a short leg pushes, or swings: the criterion and the controller's answer depend on which."""
+    x, u = np.array([0.0, 0.5, 0.9, 1.0, 0.05]), np.array([5.0, 1.0])
+    criterion = Criterion(TASK, COST, horizon=0.6, dt=DT)
+    assert criterion(x, u) == criterion(x, u, STANCE)
+    assert criterion(x, u) != criterion(x, u, FLIGHT)
+    solve = controllers.make("ilqr", TASK, COST, horizon=0.6).solve
+    assert not np.array_equal(solve(x, STANCE).control, solve(x, FLIGHT).control)
 
 
 def test_short_contact_is_not_missed():
@@ -191,26 +232,26 @@ def test_short_contact_is_not_missed():
     x, u = (0.0, 0.0, 1.0 + 2e-5, -0.04, 0.0), (20.0, 0.0)
     end, events = exact(x, u, DT)
     assert len(events) == 2
-    np.testing.assert_allclose(advance(x, u, 1)[-1], end, rtol=0.0, atol=5e-7)
+    np.testing.assert_allclose(advance(x, u, 1)[0][-1], end, rtol=0.0, atol=5e-7)
     assert abs(end[3] - (x[3] - G * DT)) > 1e-3
 
 
 def test_mirror_and_shift():
     x, u = np.array(TOUCHDOWN[0]), np.array(TOUCHDOWN[1])
-    straight = advance(x, u, 60)
+    straight, _ = advance(x, u, 60)
     sign = np.array([-1.0, -1.0, 1.0, 1.0, -1.0])
-    assert np.array_equal(advance(sign * x, (u[0], -u[1]), 60), sign * straight)
+    assert np.array_equal(advance(sign * x, (u[0], -u[1]), 60)[0], sign * straight)
     shift = np.array([5.0, 0.0, 0.0, 0.0, 5.0])
-    np.testing.assert_allclose(advance(x + shift, u, 60), straight + shift, atol=1e-9)
+    np.testing.assert_allclose(advance(x + shift, u, 60)[0], straight + shift, atol=1e-9)
 
 
 def test_the_papers_literal_values_fall():
     """k = 1 N/m cannot carry 1 kg."""
     task = tasks.get("slip", stiffness=1.0)
     for speed in (0.0, 0.8):
-        nodes = advance((0.0, speed, 1.2, 0.0, 0.0), (0.0, 0.0), 100, task=task)
+        nodes, modes = advance((0.0, speed, 1.2, 0.0, 0.0), (0.0, 0.0), 100, task=task)
         assert task.failure(nodes[-1])
-        assert task.mode(nodes[-1]) == 2
+        assert modes[-1] == task.mode(nodes[-1]) == 2
         assert np.array_equal(nodes[-1], nodes[-2])
 
 
@@ -220,7 +261,7 @@ anything = st.floats(-50.0, 50.0)
 @settings(max_examples=100)
 @given(st.tuples(anything, anything, st.floats(-1.0, 5.0), anything, anything), st.tuples(anything, anything))
 def test_never_a_number_that_is_not_finite(x, u):
-    assert np.all(np.isfinite(advance(x, u, 30)))
+    assert np.all(np.isfinite(advance(x, u, 30)[0]))
     criterion = Criterion(TASK, COST, horizon=0.3, dt=DT, adjoint_along="user")
     assert math.isfinite(criterion(np.array(x), np.array(u)))
     solution = controllers.make("ilqr", TASK, COST, horizon=0.3).solve(np.array(x))

@@ -34,8 +34,8 @@ def test_agents_by_hand(scenario):
     x = plant.state
     assert np.array_equal(result.states[0], x)
     for k in range(len(result.time)):
-        force = user.act(k, result.time[k], x)
-        outcome = filter_.decide(x, force)
+        force = user.act(k, result.time[k], x, plant.task_mode)
+        outcome = filter_.decide(x, force, plant.task_mode)
         x = plant.step(robot.step(outcome.admitted_force), outcome.admitted_force)
         assert np.array_equal(result.states[k + 1], x)
         assert np.array_equal(result.user_force[k], force)

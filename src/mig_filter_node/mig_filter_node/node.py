@@ -110,7 +110,7 @@ class MigFilterNode(RigNode):
             if wrench.header.frame_id != topics.SENSOR_FRAME:
                 outcome = self._agent.fallback(Reason.UNKNOWN_FRAME, self._force)
             else:
-                outcome = self._agent.decide(np.asarray(tick.left.state), self._force)
+                outcome = self._agent.decide(np.asarray(tick.left.state), self._force, tick.left.mode)
         self._publish_command(outcome, tick.left.header)
         self._publish_decision(outcome, tick, begin)
         self._verdicts[outcome.decision.verdict] += 1

@@ -87,9 +87,9 @@ def partials(p: Any) -> Vector:
     return cast(Vector, _home(p).partials(p))
 
 
-def mode(p: Any, x: Vector) -> int:
-    """Mode that a state of a hybrid task is in."""
-    return cast(int, _home(p).mode(p, x))
+def mode(p: Any, before: int, x: Vector) -> int:
+    """Mode in force at a state of a hybrid task that was in mode ``before`` (negative: unknown)."""
+    return cast(int, _home(p).mode(p, before, x))
 
 
 def in_mode(p: Any, mode: int) -> Any:
@@ -163,7 +163,7 @@ def _register() -> None:
         return lambda p: find(p)
 
     stubs: list[Callable[..., Any]]
-    stubs = [running, running_gradient, effort, terminal, terminal_gradient, mode, in_mode, guard, guard_gradient]
+    stubs = [running, running_gradient, effort, terminal, terminal_gradient, in_mode, guard, guard_gradient]
     for stub in stubs:
         replaced_by(stub)(two(_by_type(stub)))
     stubs = [flow, linearise, pullback]
@@ -172,6 +172,8 @@ def _register() -> None:
     stubs = [partials, next_mode]
     for stub in stubs:
         replaced_by(stub)(one(_by_type(stub)))
+    find_mode = _by_type(mode)
+    replaced_by(mode)(lambda p, before, x: find_mode(p))
     replaced_by(cost.wrap)(lambda angle: cost.wrap)
 
 

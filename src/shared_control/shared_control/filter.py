@@ -185,7 +185,7 @@ class MigFilter:
             tolerance=self.config.controller_tolerance,
         )
         self._agreed: Solution | None = None
-        judges: dict[str, Callable[[Array, Array], float]] = {
+        judges: dict[str, Callable[[Array, Array, int | None], float]] = {
             "mig": self._criterion,
             "random": self._at_random,
             "agreement": self._agreement,
@@ -232,8 +232,11 @@ class MigFilter:
         if "dead_zone" in values:
             self._dead_zone = checked.dead_zone
 
-    def decide(self, x: Array, u_user: Array) -> Decision:
-        """Judge the control (m,) of the coming sample at the state (n,)."""
+    def decide(self, x: Array, u_user: Array, task_mode: int | None = None) -> Decision:
+        """Judge the control (m,) of the coming sample at the state (n,).
+
+        ``task_mode`` of a hybrid task; None: that of the state alone (:meth:`Task.mode`).
+        """
         self._controller.advance()
         mode = self._mode
         if not all(map(math.isfinite, x)):
@@ -245,14 +248,14 @@ class MigFilter:
         if not any(abs(u) > self._dead_zone for u in u_user):
             return self._decision(Verdict.ACCEPTED, Reason.NULL_ACTION, math.nan, u_user, u_user)
         self._agreed = None
-        criterion = self._judge(x, u_user)
+        criterion = self._judge(x, u_user, task_mode)
         if not math.isfinite(criterion):
             return self._safe(Reason.NON_FINITE_CRITERION, u_user)
         if criterion <= self._threshold:
             return self._decision(Verdict.ACCEPTED, Reason.CRITERION, criterion, u_user, u_user)
         if mode is Mode.TRAINING:
             return self._decision(Verdict.REJECTED, Reason.CRITERION, criterion, u_user, self._null)
-        solution = self._agreed or self._controller.solve(x)
+        solution = self._agreed or self._controller.solve(x, task_mode)
         reason = Reason.CRITERION if solution.usable else Reason.NOT_CONVERGED
         return self._decision(Verdict.REPLACED, reason, criterion, u_user, solution.control)
 
@@ -273,11 +276,11 @@ class MigFilter:
         self._controller.solve(x)
         self.reset()
 
-    def _at_random(self, x: Array, u_user: Array) -> float:
+    def _at_random(self, x: Array, u_user: Array, task_mode: int | None) -> float:
         return self.config.rejection_rate - self._random.random()
 
-    def _agreement(self, x: Array, u_user: Array) -> float:
-        self._agreed = self._controller.solve(x)
+    def _agreement(self, x: Array, u_user: Array, task_mode: int | None) -> float:
+        self._agreed = self._controller.solve(x, task_mode)
         return -float(np.dot(u_user, self._agreed.control))
 
     def _safe(self, reason: Reason, u_user: Array) -> Decision:

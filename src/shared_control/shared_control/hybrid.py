@@ -3,10 +3,10 @@
     x_1 = Phi_q(x_0, u, t_1)  with  g_q(x_1) = 0,   x_2 = Phi_q'(x_1, u, t_2), ...,   t_1 + t_2 + ... = h
 
 A mode q holds while its guard g_q is positive; where it reaches zero the next mode takes over, with the state as it is
-(identity reset). The event is located by a bracketing secant. A guard that dips below zero and comes back within a step
-is found by the turn of its rate. A mode whose guard falls from the moment it is entered (its flow and the last one's
-both point at the guard) is kept to the end of the step: a foot switches at most once a sample on such a surface instead
-of chattering. No more than ``EVENTS`` events count in a step.
+(identity reset). The mode goes from step to step beside the state, which alone does not always tell it: guards may
+overlap. The event is located by a bracketing secant. A guard that dips below zero and comes back within a step is found
+by the turn of its rate. A mode that is entered with its guard at zero and falling is kept to the end of the step, lest
+it chatter. No more than ``EVENTS`` events count in a step.
 
 Backwards, w is taken through each segment; at an event with guard gradient n, with sigma = w^T dPhi/dt of the last
 segment (which lasts as long as the events leave it),
@@ -31,6 +31,8 @@ __all__ = ["step", "step_linearised", "step_pullback", "stride"]
 
 #: Most events that count in one step.
 EVENTS = 3
+#: A guard at most this [unit of the guard] counts as zero where a mode begins.
+ON_GUARD = 1e-9
 #: An event is located once the guard is this small [unit of the guard] or its bracket this short [s].
 LOCATED = 1e-14
 #: Least rate of a guard at its event [unit of the guard / s]: grazing has no finite derivative.
@@ -74,13 +76,12 @@ def _locate(q: Any, x: Vector, u: Vector, low: float, high: float, g_low: float,
 
 
 @jit
-def _event(q: Any, x: Vector, u: Vector, h: float, y: Vector, entered: bool) -> float:
-    """Time of the first event on the way from x to y = Phi_q(x, u, h); negative if there is none.
-
-    ``entered``: whether x lies on the guard, since the mode has just been entered.
-    """
+def _event(q: Any, x: Vector, u: Vector, h: float, y: Vector) -> float:
+    """Time of the first event on the way from x to y = Phi_q(x, u, h); negative if there is none."""
+    low, g_low = 0.0, guard(q, x)
+    on_guard = g_low <= ON_GUARD
     rate = _rate(q, x, u)
-    if entered and rate <= 0.0:
+    if on_guard and rate <= 0.0:
         return -1.0
     high, g_high = h, guard(q, y)
     if g_high >= 0.0:
@@ -93,8 +94,7 @@ def _event(q: Any, x: Vector, u: Vector, h: float, y: Vector, entered: bool) -> 
         g_high = _guard_after(q, x, u, high)
         if g_high >= 0.0:
             return -1.0
-    low, g_low = 0.0, guard(q, x)
-    if entered:
+    if on_guard:
         # The guard rises from zero first: go back until it is seen positive.
         g_low, t = -1.0, high
         for _ in range(SEARCH):
@@ -112,20 +112,28 @@ def _event(q: Any, x: Vector, u: Vector, h: float, y: Vector, entered: bool) -> 
 
 
 @jit
-def step(p: Any, x: Vector, u: Vector, h: float) -> Vector:
-    """The state after a step."""
-    q = in_mode(p, mode(p, x))
-    left, entered = h, False
+def _begin(p: Any, before: int, x: Vector, u: Vector) -> int:
+    """Mode in which a step begins: the last one's, unless its guard is at zero and falling."""
+    now = mode(p, before, x)
+    q = in_mode(p, now)
+    return next_mode(q) if guard(q, x) <= ON_GUARD and _rate(q, x, u) <= 0.0 else now
+
+
+@jit
+def step(p: Any, before: int, x: Vector, u: Vector, h: float) -> tuple[Vector, int]:
+    """State and mode after a step."""
+    now = _begin(p, before, x, u)
+    left = h
     for _ in range(EVENTS):
+        q = in_mode(p, now)
         y = rk4.step(q, x, u, left)
-        t = _event(q, x, u, left, y, entered)
+        t = _event(q, x, u, left, y)
         if t < 0.0:
-            return y
+            return y, now
         x = rk4.step(q, x, u, t)
-        q = in_mode(p, next_mode(q))
+        now = next_mode(q)
         left -= t
-        entered = True
-    return rk4.step(q, x, u, left)
+    return rk4.step(in_mode(p, now), x, u, left), now
 
 
 @jit
@@ -138,11 +146,11 @@ def stride(p: Any, x: Vector) -> int:
 
 
 @jit
-def step_linearised(p: Any, x: Vector, u: Vector, h: float, store: Array, at: int) -> Vector:
-    """The state after a step; what :func:`step_pullback` needs goes to ``store[at:]``."""
+def step_linearised(p: Any, before: int, x: Vector, u: Vector, h: float, store: Array, at: int) -> tuple[Vector, int]:
+    """State and mode after a step; what :func:`step_pullback` needs goes to ``store[at:]``."""
     n, size = len(x), (stride(p, x) - 1) // (EVENTS + 1)
-    now = mode(p, x)
-    left, entered = h, False
+    now = _begin(p, before, x, u)
+    left = h
     y = x
     for segment in range(EVENTS + 1):
         q = in_mode(p, now)
@@ -152,15 +160,14 @@ def step_linearised(p: Any, x: Vector, u: Vector, h: float, store: Array, at: in
         for i in range(n):
             store[here + 2 + i] = x[i]
         y = rk4.step_linearised(q, x, u, left, store, here + 2 + n)
-        t = _event(q, x, u, left, y, entered) if segment < EVENTS else -1.0
+        t = _event(q, x, u, left, y) if segment < EVENTS else -1.0
         if t < 0.0:
             break
         store[here + 1] = t
         x = rk4.step_linearised(q, x, u, t, store, here + 2 + n)
         now = next_mode(q)
         left -= t
-        entered = True
-    return y
+    return y, now
 
 
 @jit

@@ -22,22 +22,32 @@ def _method(p: Any) -> Any:
     return hybrid if is_hybrid(p) else rk4
 
 
+def _smooth_step(p: Any, mode: int, x: Vector, u: Vector, h: float) -> tuple[Vector, int]:
+    return rk4.step(p, x, u, h), mode
+
+
+def _smooth_step_linearised(
+    p: Any, mode: int, x: Vector, u: Vector, h: float, store: Array, at: int
+) -> tuple[Vector, int]:
+    return rk4.step_linearised(p, x, u, h, store, at), mode
+
+
 def stride(p: Any, x: Vector) -> int:
     """How much of the store a step takes."""
     size: int = _method(p).stride(p, x)
     return size
 
 
-def step(p: Any, x: Vector, u: Vector, h: float) -> Vector:
-    """The state after a step of h [s] under a control that is held."""
-    new: Vector = _method(p).step(p, x, u, h)
-    return new
+def step(p: Any, mode: int, x: Vector, u: Vector, h: float) -> tuple[Vector, int]:
+    """State and mode after a step of h [s] under a control that is held; a smooth task has one mode, 0."""
+    method = hybrid.step if is_hybrid(p) else _smooth_step
+    return method(p, mode, x, u, h)
 
 
-def step_linearised(p: Any, x: Vector, u: Vector, h: float, store: Array, at: int) -> Vector:
+def step_linearised(p: Any, mode: int, x: Vector, u: Vector, h: float, store: Array, at: int) -> tuple[Vector, int]:
     """As :func:`step`; what :func:`step_pullback` needs goes to ``store[at:]``."""
-    new: Vector = _method(p).step_linearised(p, x, u, h, store, at)
-    return new
+    method = hybrid.step_linearised if is_hybrid(p) else _smooth_step_linearised
+    return method(p, mode, x, u, h, store, at)
 
 
 def step_pullback(p: Any, store: Array, at: int, u: Vector, w: Vector, h: float) -> tuple[Vector, Vector]:
@@ -47,23 +57,30 @@ def step_pullback(p: Any, store: Array, at: int, u: Vector, w: Vector, h: float)
 
 
 replaced_by(stride)(lambda p, x: _method(p).stride.py_func)
-replaced_by(step)(lambda p, x, u, h: _method(p).step.py_func)
-replaced_by(step_linearised)(lambda p, x, u, h, store, at: _method(p).step_linearised.py_func)
+#: Its functions as the compiler has them, with the plain ones inside.
+_kernels: Any = hybrid
+replaced_by(step)(lambda p, mode, x, u, h: _kernels.step.py_func if is_hybrid(p) else _smooth_step)
+replaced_by(step_linearised)(
+    lambda p, mode, x, u, h, store, at: _kernels.step_linearised.py_func if is_hybrid(p) else _smooth_step_linearised
+)
 replaced_by(step_pullback)(lambda p, store, at, u, w, h: _method(p).step_pullback.py_func)
 
 
 @jit
-def _step_array(p: Any, like_x: Vector, like_u: Vector, x: Array, u: Array, h: float) -> None:
-    new = step(p, take(like_x, x, 0), take(like_u, u, 0), h)
+def _step_array(p: Any, mode: int, like_x: Vector, like_u: Vector, x: Array, u: Array, h: float) -> int:
+    new, mode = step(p, mode, take(like_x, x, 0), take(like_u, u, 0), h)
     for i in range(len(new)):
         x[i] = new[i]
+    return mode
 
 
 @jit
-def _jacobian_array(p: Any, like_x: Vector, like_u: Vector, x: Array, u: Array, h: float, a: Array, b: Array) -> None:
+def _jacobian_array(
+    p: Any, mode: int, like_x: Vector, like_u: Vector, x: Array, u: Array, h: float, a: Array, b: Array
+) -> None:
     control = take(like_u, u, 0)
     store = np.empty(stride(p, like_x))
-    step_linearised(p, take(like_x, x, 0), control, h, store, 0)
+    step_linearised(p, mode, take(like_x, x, 0), control, h, store, 0)
     for i in range(len(like_x)):
         row, column = step_pullback(p, store, 0, control, unit(like_x, i), h)
         for j in range(len(like_x)):
@@ -82,21 +99,27 @@ class Stepper:
     """Advances a task's state by one sample, with all memory allocated beforehand."""
 
     def __init__(self, task: Task, sample_time: float) -> None:
-        self._p = task.parameters
+        self._task, self._p = task, task.parameters
         self._like_x = (0.0,) * task.n
         self._like_u = (0.0,) * task.m
         self._h = float(sample_time)
         self._u = np.zeros(task.m)
-        self._n, self._m = task.n, task.m
 
-    def advance(self, x: Array, u: Array) -> None:
-        """x <- Phi(x, u), in place; ``x`` is a contiguous array (n,), ``u`` (m,)."""
+    def advance(self, x: Array, u: Array, task_mode: int | None = None) -> int:
+        """x <- Phi(x, u), in place; ``x`` is a contiguous array (n,), ``u`` (m,). Returns the task's mode after it.
+
+        ``task_mode`` is the one before; None: that of the state alone (:meth:`Task.mode`).
+        """
         self._u[:] = u
-        _step_array(self._p, self._like_x, self._like_u, x, self._u, self._h)
+        mode = self._task.mode(x) if task_mode is None else task_mode
+        new: int = _step_array(self._p, mode, self._like_x, self._like_u, x, self._u, self._h)
+        return new
 
-    def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
+    def jacobians(self, x: Array, u: Array, task_mode: int | None = None) -> tuple[Array, Array]:
         """(dPhi/dx, dPhi/du), (n, n) and (n, m)."""
-        a, b = np.empty((self._n, self._n)), np.empty((self._n, self._m))
+        n, m = len(self._like_x), len(self._like_u)
+        a, b = np.empty((n, n)), np.empty((n, m))
         state, control = np.array(x, dtype=float), np.array(u, dtype=float)
-        _jacobian_array(self._p, self._like_x, self._like_u, state, control, self._h, a, b)
+        mode = self._task.mode(state) if task_mode is None else task_mode
+        _jacobian_array(self._p, mode, self._like_x, self._like_u, state, control, self._h, a, b)
         return a, b

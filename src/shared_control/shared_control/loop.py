@@ -1,10 +1,11 @@
 """The loop as objects without ROS: user, filter, robot, plant, each called once a tick, in this order.
 
-    force   = user.act(k, t_k, x_k)
-    outcome = filter.decide(x_k, force)
+    force   = user.act(k, t_k, x_k, q_k)
+    outcome = filter.decide(x_k, force, q_k)
     motion  = robot.step(outcome.admitted_force)
     x_k+1   = plant.step(motion, outcome.admitted_force)
 
+with q_k the mode of a hybrid task, which ``plant.task_mode`` tells (0 for any other).
 The nodes and :func:`shared_control.trial.run_trial` call exactly these, so that a trial headless and a trial through
 the graph are the same numbers. Every array that an agent returns is new: the caller may keep it. After ``warm_up``
 nothing compiles.
@@ -63,9 +64,9 @@ class UserAgent:
         )
         self._seed = seed
 
-    def act(self, tick: int, time: float, x: Array) -> Array:
+    def act(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Force (3,) [N] for tick k at trial time k t_s [s] in the state (n,)."""
-        return self._user.act(tick, time, x)
+        return self._user.act(tick, time, x, task_mode)
 
     def reset(self, seed: int) -> None:
         """As new, for the trial with this seed."""
@@ -106,12 +107,12 @@ class FilterAgent:
         """
         self._filter.configure(**values)
 
-    def decide(self, x: Array, force: Array) -> FilterOutcome:
+    def decide(self, x: Array, force: Array, task_mode: int | None = None) -> FilterOutcome:
         """Judge the user's force (3,) [N] at the state (n,); once a tick."""
         if not (math.isfinite(force[0]) and math.isfinite(force[1]) and math.isfinite(force[2])):
             return self.fallback(Reason.NON_FINITE_WRENCH, force)
         u_user = self.task.control_from_wrench(force, self._robot)
-        return self._outcome(self._filter.decide(x, u_user), force)
+        return self._outcome(self._filter.decide(x, u_user, task_mode), force)
 
     def fallback(self, reason: Reason | int, force: Array) -> FilterOutcome:
         """The safe command in place of a force that could not be judged; once a tick, instead of :meth:`decide`."""
@@ -162,6 +163,8 @@ class PlantAgent:
     #: Whether x_k lies in the success region, and the outcome of the trial so far.
     in_success_region: bool
     outcome: int
+    #: Mode that a hybrid task is in, otherwise 0.
+    task_mode: int
     _x: Array
     _u: Array
 
@@ -202,6 +205,7 @@ class PlantAgent:
         self._x = np.array(start, dtype=float) if start else self.task.initial_state
         if self._config.initial_sd:
             self._x += stream(seed, "plant").standard_normal(self.task.n) * np.array(self._config.initial_sd)
+        self.task_mode = self.task.mode(self._x)
         self._u = np.zeros(self.task.m)
         self._inside = 0
         self.outcome = OPEN
@@ -214,7 +218,7 @@ class PlantAgent:
 
     def _advance(self, u: Array) -> Array:
         self._u = u
-        self._stepper.advance(self._x, u)
+        self.task_mode = self._stepper.advance(self._x, u, self.task_mode)
         self._judge(moved=True)
         return np.array(self._x)
 

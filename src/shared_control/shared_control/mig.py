@@ -44,7 +44,7 @@ KINK = 1e-9
 
 
 @jit
-def _forward(p: Any, c: Any, x0: Vector, first: Vector, h: float, steps: int, xs: Array, ds: Array) -> bool:
+def _forward(p: Any, c: Any, mode: int, x0: Vector, first: Vector, h: float, steps: int, xs: Array, ds: Array) -> bool:
     """Trajectory under ``first`` for one sample and zero after, into ``xs``, ``ds``; whether a node lies on a kink."""
     x = x0
     u = first
@@ -56,18 +56,20 @@ def _forward(p: Any, c: Any, x0: Vector, first: Vector, h: float, steps: int, xs
             xs[k, i] = x[i]
             kink = kink or (c.angles[i] and abs(e[i]) >= math.pi - KINK)
         if k < steps:
-            x = step_linearised(p, x, u, h, ds, k * size)
+            x, mode = step_linearised(p, mode, x, u, h, ds, k * size)
             u = zeros(first)
     return kink
 
 
 @jit
-def _slope(p: Any, c: Any, x: Array, u: Array, along_user: bool, h: float, steps: int, xs: Array, ds: Array) -> float:
+def _slope(
+    p: Any, c: Any, mode: int, x: Array, u: Array, along_user: bool, h: float, steps: int, xs: Array, ds: Array
+) -> float:
     """The criterion."""
     x0 = take(c.target, x, 0)
     user = take(c.control_weights, u, 0)
     first = user if along_user else zeros(user)
-    kink = _forward(p, c, x0, first, h, steps, xs, ds)
+    kink = _forward(p, c, mode, x0, first, h, steps, xs, ds)
     if kink:
         return _one_sided(p, c, x0, first, user, h, steps, xs, ds)
     size = stride(p, x0)
@@ -144,7 +146,7 @@ class Criterion:
             raise ParameterError(
                 f"adjoint_along: {adjoint_along!r} is not allowed; it must be one of {', '.join(ALONG)}"
             )
-        self._p, self._c = task.parameters, cost
+        self._task, self._p, self._c = task, task.parameters, cost
         self._along_user = adjoint_along == "user"
         self._h = float(dt)
         self._steps = samples(horizon, dt)
@@ -152,12 +154,18 @@ class Criterion:
         self._xs = np.zeros((self._steps + 1, task.n))
         self._ds = np.zeros(store_size(task, self._steps))
 
-    def __call__(self, x: Array, u_user: Array) -> float:
-        """Criterion [unit of the cost] of a user's control (m,) at a state (n,); not finite if the numbers overflow."""
+    def __call__(self, x: Array, u_user: Array, task_mode: int | None = None) -> float:
+        """Criterion [unit of the cost] of a user's control (m,) at a state (n,); not finite if the numbers overflow.
+
+        ``task_mode`` of a hybrid task; None: that of the state alone (:meth:`Task.mode`).
+        """
         # Copies: the kernel is compiled for its own contiguous arrays, whatever kind the caller has.
         self._x[:] = x
         self._u[:] = u_user
-        return _slope(self._p, self._c, self._x, self._u, self._along_user, self._h, self._steps, self._xs, self._ds)
+        mode = self._task.mode(self._x) if task_mode is None else task_mode
+        return _slope(
+            self._p, self._c, mode, self._x, self._u, self._along_user, self._h, self._steps, self._xs, self._ds
+        )
 
 
 def mig_integral(
@@ -169,6 +177,7 @@ def mig_integral(
     horizon: float,
     dt: float,
     adjoint_along: str = "nominal",
+    task_mode: int | None = None,
 ) -> float:
     """int dJ/dlambda dt over the horizon, for one sample ``dt`` of the user's control: see the module's equations.
 
@@ -179,6 +188,7 @@ def mig_integral(
     horizon: T [s].
     dt: sampling time t_s [s], also the integrator's step.
     adjoint_along: "nominal" or "user".
+    task_mode: mode of a hybrid task; None: that of the state alone (:meth:`Task.mode`).
     """
     criterion = Criterion(task, cost, horizon=horizon, dt=dt, adjoint_along=adjoint_along)
-    return criterion(np.asarray(x, dtype=float), np.atleast_1d(np.asarray(u_user, dtype=float)))
+    return criterion(np.asarray(x, dtype=float), np.atleast_1d(np.asarray(u_user, dtype=float)), task_mode)

@@ -1,4 +1,4 @@
-"""The figures of docs/results.md, measured again: ``python -m shared_control.reproduce [--seeds N] [CLAIM ...]``.
+"""The figures of docs/results.md, measured again: ``./rig reproduce [--seeds N] [CLAIM ...]``.
 
 Headless, with a progress bar for each line; nothing here is tuned to the seeds.
 """
@@ -16,7 +16,6 @@ import numpy as np
 
 from shared_control import measures
 from shared_control.cost import wrap
-from shared_control.parameters import ParameterError
 from shared_control.scenario import find
 from shared_control.trial import TrialResult, run_trials
 from shared_control.users.presets import PRESETS
@@ -138,14 +137,14 @@ def _slip_line(results: list[TrialResult]) -> str:
 
 def main() -> None:
     """Print a row of the table for each claim."""
-    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments = argparse.ArgumentParser("rig reproduce", description=__doc__)
     arguments.add_argument("claims", nargs="*", metavar="CLAIM", help="names, or beginnings of names; all if left out")
     arguments.add_argument("--seeds", type=int, help="at most so many trials for each claim")
     arguments.add_argument("--workers", type=int, help="processes; as many as there are cores if left out")
     options = arguments.parse_args()
     chosen = {name: c for name, c in CLAIMS.items() if not options.claims or name.startswith(tuple(options.claims))}
     if not chosen:
-        raise ParameterError(f"no claim begins with {', '.join(options.claims)}; there are: {', '.join(CLAIMS)}")
+        arguments.error(f"no claim begins with {', '.join(options.claims)}; there are: {', '.join(CLAIMS)}")
     print("| claim | wanted | measured |\n| --- | --- | --- |", flush=True)
     for name, claim in chosen.items():
         begin = time.perf_counter()

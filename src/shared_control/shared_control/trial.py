@@ -31,6 +31,7 @@ class TrialResult:
     sample_time: float  # [s]
     time: Array  # (N,) [s] t_k
     states: Array  # (N+1, n)
+    task_modes: np.ndarray  # (N+1,) of a hybrid task, otherwise 0
     user_force: Array  # (N, 3) [N]
     admitted_force: Array  # (N, 3) [N]
     user_control: Array  # (N, m)
@@ -63,18 +64,18 @@ class _Loop:
         settings = self.scenario.loop
         ticks, n, m = settings.ticks, plant.task.n, plant.task.m
         time = np.arange(ticks, dtype=float) * settings.sample_time
-        states = np.empty((ticks + 1, n))
+        states, task_modes = np.empty((ticks + 1, n)), np.empty(ticks + 1, np.uint8)
         user_force, admitted_force = np.empty((ticks, 3)), np.empty((ticks, 3))
         user_control, applied_control = np.empty((ticks, m)), np.empty((ticks, m))
         verdict, reason = np.empty(ticks, np.uint8), np.empty(ticks, np.uint8)
         criterion = np.empty(ticks)
         x = plant.state
-        states[0] = x
+        states[0], task_modes[0] = x, plant.task_mode
         for k in range(ticks):
-            force = user.act(k, k * settings.sample_time, x)
-            decision, admitted, _ = filter_.decide(x, force)
+            force = user.act(k, k * settings.sample_time, x, plant.task_mode)
+            decision, admitted, _ = filter_.decide(x, force, plant.task_mode)
             x = plant.step(robot.step(admitted), admitted)
-            states[k + 1] = x
+            states[k + 1], task_modes[k + 1] = x, plant.task_mode
             user_force[k], admitted_force[k] = force, admitted
             user_control[k], applied_control[k] = decision.user_control, decision.applied_control
             verdict[k], reason[k], criterion[k] = decision.verdict, decision.reason, decision.criterion
@@ -84,6 +85,7 @@ class _Loop:
             sample_time=settings.sample_time,
             time=time,
             states=states,
+            task_modes=task_modes,
             user_force=user_force,
             admitted_force=admitted_force,
             user_control=user_control,

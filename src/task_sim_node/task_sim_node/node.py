@@ -219,7 +219,7 @@ class TaskSimNode(RigNode):
         message.tick = tick
         message.time = tick * self._loop.sample_time
         state = agent.state
-        message.mode = agent.task.mode(state)
+        message.mode = agent.task_mode
         message.state = state.tolist()
         message.control = agent.control.tolist()
         message.in_success_region = agent.in_success_region

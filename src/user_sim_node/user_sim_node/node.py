@@ -39,7 +39,7 @@ class UserSimNode(RigNode):
         return DiagnosticStatus.OK, "pushing", {"ticks": self.ticks_done}
 
     def _on_state(self, state: TaskState) -> None:
-        force = self._agent.act(state.tick, state.time, np.asarray(state.state))
+        force = self._agent.act(state.tick, state.time, np.asarray(state.state), state.mode)
         wrench = self._wrench
         wrench.header.stamp = state.header.stamp
         wrench.wrench.force.x, wrench.wrench.force.y, wrench.wrench.force.z = force.tolist()

@@ -31,8 +31,11 @@ class Controller(Protocol):
     that the schedule ages with the trial.
     """
 
-    def solve(self, x: Array) -> Solution:
-        """Search for a schedule from the state (n,); where none is usable the control is :meth:`fallback`'s."""
+    def solve(self, x: Array, task_mode: int | None = None) -> Solution:
+        """Search for a schedule from the state (n,) and a hybrid task's mode (None: the state's own).
+
+        Where none is usable the control is :meth:`fallback`'s.
+        """
 
     def aim(self, target: Sequence[float]) -> None:
         """Put another desired state (n,) in place of the objective's."""

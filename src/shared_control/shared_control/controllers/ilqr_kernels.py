@@ -40,11 +40,12 @@ def _rollout_feedback(
     like_u = c.control_weights
     n, m = len(c.target), len(like_u)
     steps = us.shape[0]
-    x = take(c.target, xs[0], 0)
+    x, mode = take(c.target, xs[0], 0), int(xs[0, n])
     total = 0.0
     for k in range(steps):
         for i in range(n):
             xs_new[k, i] = x[i]
+        xs_new[k, n] = mode
         for j in range(m):
             u_j = us[k, j] + alpha * ks[k, j]
             for i in range(n):
@@ -52,9 +53,10 @@ def _rollout_feedback(
             us_new[k, j] = min(max(u_j, -limits[j]), limits[j])
         u = take(like_u, us_new[k], 0)
         total += h * ((0.5 if k == 0 else 1.0) * running(c, x) + effort(c, u))
-        x = step(p, x, u, h)
+        x, mode = step(p, mode, x, u, h)
     for i in range(n):
         xs_new[steps, i] = x[i]
+    xs_new[steps, n] = mode
     return total + 0.5 * h * running(c, x) + terminal(c, x)
 
 
@@ -134,7 +136,7 @@ def _backward(
     linear, quadratic, largest = 0.0, 0.0, 0.0
     for k in range(steps - 1, -1, -1):
         u = take(like_u, us[k], 0)
-        step_linearised(p, take(like_x, xs[k], 0), u, h, ds, 0)
+        step_linearised(p, int(xs[k, n]), take(like_x, xs[k], 0), u, h, ds, 0)
         for i in range(n):
             row, column = step_pullback(p, ds, 0, u, unit(like_x, i), h)
             for j in range(n):
@@ -217,7 +219,7 @@ def search(
 ) -> tuple[float, int, bool]:  # fmt: skip
     """Improve the schedule us in place; (J, iterations used, converged). J is not finite if nothing was found."""
     start = take(c.target, x0, 0)
-    best = begin(p, c, start, us, h, xs, us_new, xs_new)
+    best = begin(p, c, int(x0[len(start)]), start, us, h, xs, us_new, xs_new)
     if not math.isfinite(best):
         return best, 0, False
     damping = 0.0

@@ -47,13 +47,14 @@ class Receding(ABC):
                 f"controller: {iterations} iterations to {tolerance:g} are not allowed; at least 1, to at least 0"
             )
         steps, n, m = samples(horizon, dt), task.n, task.m
-        self._p, self._c, self._h = task.parameters, cost, float(dt)
+        self._task, self._p, self._c, self._h = task, task.parameters, cost, float(dt)
         self._iterations, self._tolerance = int(iterations), float(tolerance)
         self._steps = self._age = steps
         self._limits = np.array(bounds)
-        self._x = np.zeros(n)
+        # Of a trajectory's columns the last is the mode that a hybrid task is in.
+        self._x = np.zeros(n + 1)
         self._us, self._us_new = np.zeros((steps, m)), np.zeros((steps, m))
-        self._xs, self._xs_new = np.zeros((steps + 1, n)), np.zeros((steps + 1, n))
+        self._xs, self._xs_new = np.zeros((steps + 1, n + 1)), np.zeros((steps + 1, n + 1))
         self._schedule = np.zeros((steps, m))
 
     @abstractmethod
@@ -71,12 +72,13 @@ class Receding(ABC):
         """Put another desired state (n,) in place of the objective's, for the solutions to come."""
         self._c = self._c._replace(target=tuple(float(value) for value in target))
 
-    def solve(self, x: Array) -> Solution:
-        """Search from the state (n,)."""
+    def solve(self, x: Array, task_mode: int | None = None) -> Solution:
+        """Search from the state (n,) and the mode of a hybrid task (None: that of the state alone)."""
         left = self._steps - self._age
         self._us[:left] = self._schedule[self._age :]
         self._us[left:] = 0.0
-        self._x[:] = x
+        self._x[:-1] = x
+        self._x[-1] = self._task.mode(x) if task_mode is None else task_mode
         cost, iterations, converged = self._search()
         # A finite cost can only come of finite controls, since each enters it (or, with R = 0, through the state).
         if not math.isfinite(cost) or not math.isfinite(self._us.sum()):

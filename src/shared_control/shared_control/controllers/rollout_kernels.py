@@ -14,8 +14,8 @@ __all__ = ["begin", "copy", "rollout"]
 
 
 @jit
-def rollout(p: Any, c: Any, x0: Vector, us: Array, h: float, xs: Array) -> float:
-    """J of a schedule (N, m) from x0; the trajectory goes to xs."""
+def rollout(p: Any, c: Any, mode: int, x0: Vector, us: Array, h: float, xs: Array) -> float:
+    """J of a schedule (N, m) from x0; the trajectory goes to xs (N+1, n+1): states, and in the last column modes."""
     like_u = c.control_weights
     n = len(x0)
     steps = us.shape[0]
@@ -24,11 +24,13 @@ def rollout(p: Any, c: Any, x0: Vector, us: Array, h: float, xs: Array) -> float
     for k in range(steps):
         for i in range(n):
             xs[k, i] = x[i]
+        xs[k, n] = mode
         u = take(like_u, us[k], 0)
         total += h * ((0.5 if k == 0 else 1.0) * running(c, x) + effort(c, u))
-        x = step(p, x, u, h)
+        x, mode = step(p, mode, x, u, h)
     for i in range(n):
         xs[steps, i] = x[i]
+    xs[steps, n] = mode
     return total + 0.5 * h * running(c, x) + terminal(c, x)
 
 
@@ -41,16 +43,18 @@ def copy(source: Array, to: Array) -> None:
 
 
 @jit
-def begin(p: Any, c: Any, start: Vector, us: Array, h: float, xs: Array, us_new: Array, xs_new: Array) -> float:
+def begin(
+    p: Any, c: Any, mode: int, start: Vector, us: Array, h: float, xs: Array, us_new: Array, xs_new: Array
+) -> float:
     """J of a schedule, which becomes zero throughout where that is cheaper; its trajectory goes to xs.
 
     The schedule may have come from another state.
     """
-    best = rollout(p, c, start, us, h, xs)
+    best = rollout(p, c, mode, start, us, h, xs)
     for k in range(us.shape[0]):
         for j in range(us.shape[1]):
             us_new[k, j] = 0.0
-    idle = rollout(p, c, start, us_new, h, xs_new)
+    idle = rollout(p, c, mode, start, us_new, h, xs_new)
     if not best <= idle and math.isfinite(idle):
         best = idle
         copy(us_new, us)

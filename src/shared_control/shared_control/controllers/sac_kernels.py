@@ -35,7 +35,7 @@ def _schedule(
     rho = axpy(0.5 * h, running_gradient(c, x_end), terminal_gradient(c, x_end))
     for k in range(steps - 1, -1, -1):
         x, u = take(like_x, xs[k], 0), take(like_u, us[k], 0)
-        step_linearised(p, x, u, h, store, 0)
+        step_linearised(p, int(xs[k, len(x)]), x, u, h, store, 0)
         rho, slope = step_pullback(p, store, 0, u, rho, h)
         along, weight = descent, 1.0
         for j in range(m):
@@ -59,7 +59,8 @@ def search(
     """Improve the schedule us in place; (J, iterations used, converged). J is not finite if nothing was found."""
     steps, m = us.shape
     start = take(c.target, x0, 0)
-    best = begin(p, c, start, us, h, xs, us_new, xs_new)
+    mode = int(x0[len(start)])
+    best = begin(p, c, mode, start, us, h, xs, us_new, xs_new)
     if not math.isfinite(best):
         return best, 0, False
     for iteration in range(iterations):
@@ -70,7 +71,7 @@ def search(
             for k in range(steps):
                 for j in range(m):
                     us_new[k, j] = us[k, j] + share * (wanted[k, j] - us[k, j])
-            cost = rollout(p, c, start, us_new, h, xs_new)
+            cost = rollout(p, c, mode, start, us_new, h, xs_new)
             if cost < best:
                 gain = best - cost
                 best = cost

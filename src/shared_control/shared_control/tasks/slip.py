@@ -7,12 +7,18 @@
 with l_s = sqrt((x_m - x_t)^2 + z_m^2). State ``[x_m, x_m_dot, z_m, z_m_dot, x_t]``, control ``[u_s, u_t]``: thrust of
 the leg, which acts in stance, and velocity of the toe relative to the mass, which acts in flight.
 
-The leg stands while it is shorter than at rest. The guard is g = +-(l_0 - l_s), zero where the paper's guard is meant
-to be, phi = z_m (1 - l_0/l_s) (it prints x_m for the first z_m, and would then depend on where the origin is), without
-phi's other zero at z_m = 0. The reset is the identity. The laboratory's code lets the foot down only while the mass
-sinks and up only while it rises; here the mode is a function of the state, as it must be for a filter that is told
-nothing else. The two part company only where the leg reaches its rest length against the motion of the mass.
-A mass at ``fall_height`` or below has fallen and stays where it is.
+Touchdown is where the leg is no longer than at rest while the mass sinks, lift-off where it is no shorter while the
+mass rises, as in the laboratory's code. Each mode holds while its guard is positive,
+
+    flight  g = max(l_s - l_0, z_m'),        stance  g = max(l_0 - l_s, -z_m'),
+
+zero where the paper's guard is meant to be, phi = z_m (1 - l_0/l_s) (it prints x_m for the first z_m, and would then
+depend on where the origin is), without phi's other zero at z_m = 0; the reset is the identity. The two modes overlap: a
+foot that swings forward under a rising mass does not touch, and one that the mass leaves behind while it sinks stays.
+The mode is therefore part of what a trial hands on from sample to sample. Where only a state is given, the leg stands
+if it is shorter than at rest. (Were that the rule everywhere, noise at the toe would drag the foot along the ground
+after each lift-off, and trials of noise with assistance would end in a fall.) A mass at ``fall_height`` or below has
+fallen and stays where it is.
 
 The paper says k = l_0 = m = 1. With g = 9.81 m/s^2 no such leg carries its mass: the spring's largest force, k l_0 =
 1 N, is below the weight. The default is the k = 100 N/m of the laboratory's public code; ``stiffness=1`` is the paper's
@@ -51,10 +57,12 @@ class SlipInMode(NamedTuple):
     mode: int
 
 
-def mode(p: SlipParameters, x: tuple[float, ...]) -> int:
-    """Mode that a state is in."""
+def mode(p: SlipParameters, before: int, x: tuple[float, ...]) -> int:
+    """Mode in force at a state that was reached in mode ``before`` (negative: unknown)."""
     if x[2] <= p.fall_height:
         return FALLEN
+    if before in (FLIGHT, STANCE):
+        return before
     return STANCE if math.sqrt((x[0] - x[4]) ** 2 + x[2] ** 2) < p.rest_length else FLIGHT
 
 
@@ -69,21 +77,23 @@ def next_mode(q: SlipInMode) -> int:
 
 
 def guard(q: SlipInMode, x: tuple[float, ...]) -> float:
-    """l_s - l_0 in flight, l_0 - l_s in stance."""
+    """max(l_s - l_0, z_m') in flight, max(l_0 - l_s, -z_m') in stance."""
     if q.mode == FALLEN:
         return 1.0
     above = math.sqrt((x[0] - x[4]) ** 2 + x[2] ** 2) - q.physics.rest_length
-    return above if q.mode == FLIGHT else -above
+    return max(above, x[3]) if q.mode == FLIGHT else max(-above, -x[3])
 
 
 def guard_gradient(q: SlipInMode, x: tuple[float, ...]) -> tuple[float, ...]:
-    """Gradient of :func:`guard`: the direction of the leg."""
+    """Gradient of :func:`guard`: the direction of the leg, or of the mass's motion, whichever decides."""
     if q.mode == FALLEN:
         return (0.0, 0.0, 0.0, 0.0, 0.0)
     along = x[0] - x[4]
-    scale = max(math.sqrt(along**2 + x[2] ** 2), SHORTEST * q.physics.rest_length)
-    if q.mode == STANCE:
-        scale = -scale
+    leg = math.sqrt(along**2 + x[2] ** 2)
+    sign = 1.0 if q.mode == FLIGHT else -1.0
+    if sign * x[3] >= sign * (leg - q.physics.rest_length):
+        return (0.0, 0.0, 0.0, sign, 0.0)
+    scale = sign * max(leg, SHORTEST * q.physics.rest_length)
     return (along / scale, 0.0, x[2] / scale, 0.0, -along / scale)
 
 
@@ -178,8 +188,8 @@ class Slip(Task):
         return bool(x[2] <= self.parameters.fall_height)
 
     def mode(self, x: Array) -> int:
-        """FLIGHT, STANCE or FALLEN."""
-        return mode(self.parameters, tuple(x))
+        """FLIGHT, STANCE or FALLEN, of a state whose history is not known."""
+        return mode(self.parameters, -1, tuple(x))
 
     def check_robot(self, robot: Robot) -> None:
         """The toe follows a velocity, which a robot without damping does not tie to a force.

@@ -14,8 +14,9 @@ A task is one module. It holds a NamedTuple of its parameters and, as plain Pyth
 A hybrid task has a second NamedTuple in the same module, its parameters in a mode ``q``. The functions above take ``q``
 in place of ``p``, and there are more of them (:mod:`shared_control.hybrid` says what is made of them):
 
-``mode(p, x)``, ``in_mode(p, mode)``, ``next_mode(q)``
-    The mode that a state is in, an integer; the parameters in a mode; the mode that follows an event.
+``mode(p, before, x)``, ``in_mode(p, mode)``, ``next_mode(q)``
+    The mode in force at a state that was reached in a mode (an integer; negative: unknown); the parameters in a mode;
+    the mode that follows an event.
 ``guard(q, x)``, ``guard_gradient(q, x)``
     A number that is positive while the mode holds, and its gradient.
 
@@ -133,7 +134,10 @@ class Task(ABC):
         """Whether the trial has failed beyond return."""
 
     def mode(self, x: Array) -> int:
-        """Hybrid mode of the task, 0 where it has only one."""
+        """Hybrid mode of a state whose history is not known, 0 where the task has only one.
+
+        Wherever a state is taken, ``task_mode`` may say what is known better.
+        """
         return 0
 
     def check_robot(self, robot: Robot) -> None:  # noqa: B027 - most tasks can use any

@@ -60,8 +60,8 @@ class UserConfig:
 class User(Protocol):
     """Acts on what it sees."""
 
-    def act(self, tick: int, time: float, x: Array) -> Array:
-        """Force (3,) [N] for tick k at trial time k t_s [s], in the state (n,)."""
+    def act(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
+        """Force (3,) [N] for tick k at trial time k t_s [s], in the state (n,) and the mode of a hybrid task."""
 
     def reset(self, seed: int) -> None:
         """As new, for the trial with this seed."""

@@ -45,19 +45,20 @@ class HumanUser(MpcUser):
         self._follow = -math.expm1(-sample_time / MUSCLE)
         self._model = Stepper(self.model, sample_time)
         delay = round(DELAY / sample_time)
-        self._seen: deque[Array] = deque(maxlen=delay + 1)
+        self._seen: deque[tuple[Array, int | None]] = deque(maxlen=delay + 1)
         self._done: deque[Array] = deque(maxlen=delay)
         self._muscle: Array = np.zeros(task.m)
         self.reset(seed)
 
-    def intend(self, tick: int, time: float, x: Array) -> Array:
+    def intend(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Control (m,)."""
-        self._seen.append(np.array(x))
-        now = np.array(self._seen[0])
+        self._seen.append((np.array(x), task_mode))
+        seen, mode = self._seen[0]
+        now = np.array(seen)
         # At the start of a trial less has been done than the delay holds.
         for u in list(self._done)[len(self._done) - len(self._seen) + 1 :]:
-            self._model.advance(now, u)
-        command = self._skill * super().intend(tick, time, now) + (1.0 - self._skill) * self._noise.at(tick)
+            mode = self._model.advance(now, u, mode)
+        command = self._skill * super().intend(tick, time, now, mode) + (1.0 - self._skill) * self._noise.at(tick)
         self._muscle = self._muscle + self._follow * (command - self._muscle)
         self._done.append(self._muscle)
         noisy: Array = self._muscle * (1.0 + MOTOR_NOISE * self._motor.standard_normal(len(command)))

@@ -31,16 +31,17 @@ class MpcUser:
             iterations=preset.iterations,
         )  # fmt: skip
 
-    def act(self, tick: int, time: float, x: Array) -> Array:
+    def act(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Force for the control that the user intends."""
-        return self._task.wrench_from_control(self.intend(tick, time, x), self._robot)
+        return self._task.wrench_from_control(self.intend(tick, time, x, task_mode), self._robot)
 
-    def intend(self, tick: int, time: float, x: Array) -> Array:
+    def intend(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Control (m,)."""
         self._controller.advance()
         if self._preset.sway:
-            self._controller.aim(self._preset.aim(time))
-        return self._controller.solve(x).control
+            # The objective holds one target over its horizon: that of the middle, or the user would lag by as much.
+            self._controller.aim(self._preset.aim(time + 0.5 * self._preset.horizon))
+        return self._controller.solve(x, task_mode).control
 
     def reset(self, seed: int) -> None:
         """Forget the schedule."""
@@ -54,12 +55,12 @@ class GradedUser(MpcUser):
         super().__init__(task, config, robot, seed, sample_time)
         self._noise = Noise(task, config, seed)
         self._skill = config.skill
-        self._seen: deque[Array] = deque(maxlen=round(config.delay / sample_time) + 1)
+        self._seen: deque[tuple[Array, int | None]] = deque(maxlen=round(config.delay / sample_time) + 1)
 
-    def intend(self, tick: int, time: float, x: Array) -> Array:
+    def intend(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Control (m,)."""
-        self._seen.append(np.array(x))
-        wanted = super().intend(tick, time, self._seen[0])
+        self._seen.append((np.array(x), task_mode))
+        wanted = super().intend(tick, time, *self._seen[0])
         return self._skill * wanted + (1.0 - self._skill) * self._noise.at(tick)
 
     def reset(self, seed: int) -> None:

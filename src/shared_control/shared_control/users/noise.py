@@ -18,7 +18,7 @@ class IdleUser:
     def __init__(self, *_: object) -> None:
         """Takes what every user takes, and needs none of it."""
 
-    def act(self, tick: int, time: float, x: Array) -> Array:
+    def act(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Zero."""
         return np.zeros(3)
 
@@ -63,7 +63,7 @@ class NoiseUser:
         self._task, self._robot = task, robot
         self._noise = Noise(task, config, seed)
 
-    def act(self, tick: int, time: float, x: Array) -> Array:
+    def act(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Force of the sample in force at this tick."""
         return self._task.wrench_from_control(self._noise.at(tick), self._robot)
 

@@ -22,7 +22,7 @@ class ReplayUser:
         if self._forces.ndim != 2 or self._forces.shape[1] != 3:
             raise ParameterError(f"recording: {config.recording!r} holds {self._forces.shape}; it must hold (N, 3)")
 
-    def act(self, tick: int, time: float, x: Array) -> Array:
+    def act(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Force of this tick."""
         return np.array(self._forces[tick]) if tick < len(self._forces) else np.zeros(3)
 

@@ -1,0 +1,28 @@
+"""The paper's claims for SLIP, as shipped: nobody falls with the filter, whoever pushes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shared_control.trial import run_trials
+
+#: Not used while tuning.
+SEEDS = range(920_000, 920_004)
+
+
+def test_noise_with_assistance_never_falls():
+    results = run_trials("slip_noise_assistance", SEEDS, workers=2)
+    assert not any(result.measures.fell for result in results)
+    assert abs(np.mean([result.measures.override for result in results]) - 0.70) <= 0.05
+
+
+def test_noise_alone_falls():
+    assert all(result.measures.fell for result in run_trials("slip_noise_off", SEEDS, workers=2))
+
+
+@pytest.mark.parametrize("user", ["low_skill", "skilled"])
+def test_a_user_with_assistance_never_falls(user):
+    results = run_trials(f"slip_{user}_assistance", SEEDS[:2], workers=2)
+    assert not any(result.measures.fell for result in results)
+    assert all(result.measures.override < 0.4 for result in results)
