@@ -69,6 +69,53 @@ def test_threshold_moves_the_border():
     assert make(threshold=-1e9).decide(X, GOOD).verdict == Verdict.REPLACED
 
 
+def test_contraction_asks_for_a_share_of_the_cost(oracle):
+    cost = oracle.cost(X, [0.0] * 50, 0.01)
+    decision = make().decide(X, GOOD)
+    share = -decision.criterion / cost
+    assert 0.0 < share < 1.0
+    asked = make(contraction=0.99 * share).decide(X, GOOD)
+    assert asked.verdict == Verdict.ACCEPTED
+    assert asked.threshold == pytest.approx(-0.99 * share * cost, rel=1e-9)
+    filter_ = make(contraction=1.01 * share)
+    assert filter_.decide(X, GOOD).verdict == Verdict.REPLACED
+    filter_.configure(contraction=0.0)
+    assert filter_.decide(X, GOOD).verdict == Verdict.ACCEPTED
+
+
+SLIP = tasks.get("slip")
+FLYING = np.array([0.0, 0.8, 1.1, -1.0, 0.1])
+
+
+def slip(mode="assistance", **values):
+    return MigFilter(SLIP, FilterConfig(mode=mode, horizon=0.6, **values))
+
+
+def test_channels_are_judged_one_by_one():
+    """Compressed, thrust up is good: of a good thrust and a bad toe only the toe is taken, and the other way round."""
+    stance = np.array([0.0, 0.8, 0.9, -0.5, -0.2])
+    probe = slip("training")
+    toe = next(s for s in (2.0, -2.0) if probe.decide(FLYING, np.array([0.0, s])).verdict == Verdict.REJECTED)
+    kept = slip("training", channels="separately").decide(FLYING, np.array([5.0, toe]))
+    assert (kept.verdict, list(kept.applied_control)) == (Verdict.REJECTED, [5.0, 0.0])
+    push = next(s for s in (5.0, -5.0) if probe.decide(stance, np.array([s, 0.0])).verdict == Verdict.REJECTED)
+    kept = slip("training", channels="separately").decide(stance, np.array([push, 2.0]))
+    assert (kept.verdict, list(kept.applied_control)) == (Verdict.REJECTED, [0.0, 2.0])
+    helped = slip(channels="separately").decide(FLYING, np.array([5.0, toe]))
+    assert helped.verdict == Verdict.REPLACED
+    assert helped.applied_control[0] == 5.0
+    assert helped.applied_control[1] == slip().decide(FLYING, np.array([0.0, toe])).applied_control[1]
+
+
+def test_channels_apart_agree_with_their_sum():
+    """Along the nominal trajectory the criterion is linear: the joint one is the sum of those of the channels."""
+    u = np.array([7.0, -1.5])
+    joint = slip().decide(FLYING, u).criterion
+    alone = [slip().decide(FLYING, part).criterion for part in (u * [1.0, 0.0], u * [0.0, 1.0])]
+    assert joint == pytest.approx(sum(alone), rel=1e-9)
+    assert slip(channels="separately").decide(FLYING, u).criterion == max(alone)
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("mode", ["off", "training", "assistance"])
 def test_not_finite_never_passes(mode, bad):

@@ -2,7 +2,12 @@
 
 A user's control u of the coming sample is judged by its criterion (:mod:`shared_control.mig`):
 
-    accept  iff  criterion <= threshold                (the paper: threshold = 0)
+    accept  iff  criterion <= threshold - c J          (the paper: threshold = 0, c = 0)
+
+with J the cost of doing nothing over the horizon: c > 0 is the contractive constraint, which asks of an action that it
+lower the cost by a share of what there is, and refuses one that changes nothing. Several inputs are judged jointly, by
+one criterion, or separately, each by that of its own action with the others at rest; then only what is refused is taken
+from the user. The decision shows the largest criterion, and its verdict is ACCEPTED if nothing was refused.
 
 Two baselines judge by other values in the criterion's place, for comparison: ``judge="random"`` by rate - U with U
 uniform on [0, 1) for each action (is it the criterion that does the work, or the replacement?), ``"agreement"`` by
@@ -88,7 +93,7 @@ class Decision(NamedTuple):
     reason: Reason
     mode: Mode
     criterion: float  # [unit of the cost], NaN if not evaluated
-    threshold: float  # [unit of the cost]
+    threshold: float  # [unit of the cost] that it was held against: threshold - c J
     user_control: Array  # (m,)
     nominal_control: Array  # (m,) u_1, from which the criterion measures
     applied_control: Array  # (m,)
@@ -121,6 +126,12 @@ class FilterConfig:
     )
     rejection_rate: float = parameter(0.5, "Share that judge: random rejects.", ge=0.0, le=1.0)
     threshold: float = parameter(0.0, "An action is accepted if its criterion is at most this.", unit="cost", live=True)
+    contraction: float = parameter(
+        0.0, "c: an action must lower the cost by this share of the cost of doing nothing.", ge=0.0, live=True
+    )
+    channels: str = parameter(
+        "jointly", "How the inputs of a task with several are judged.", choices=("jointly", "separately")
+    )
     dead_zone: float = parameter(
         0.0, "A control of at most this in every component is no action.", unit="of the control", ge=0.0, live=True
     )
@@ -166,7 +177,8 @@ class MigFilter:
 
     def __init__(self, task: Task, config: FilterConfig | None = None, *, sample_time: float = SAMPLE_TIME) -> None:
         # Imported here, so that a process that only reads a configuration does not load the compiler.
-        from shared_control.mig import Criterion
+        from shared_control.controllers.rollout_kernels import rollout
+        from shared_control.mig import Criterion, samples
 
         self.task = task
         self.config = FilterConfig() if config is None else config
@@ -194,8 +206,19 @@ class MigFilter:
         self._random = stream(0, "filter")
         self._null = np.zeros(task.m)
         self._null.setflags(write=False)
+        steps = samples(self.config.horizon, sample_time)
+        nothing, nodes = np.zeros((steps, task.m)), np.zeros((steps + 1, task.n + 1))
+
+        def cost_of_nothing(x: Array, task_mode: int | None) -> float:
+            mode = task.mode(x) if task_mode is None else task_mode
+            start = tuple(float(value) for value in x)
+            return float(rollout(task.parameters, judged, mode, start, nothing, float(sample_time), nodes))
+
+        self._cost_of_nothing = cost_of_nothing
+        self._separately = self.config.channels == "separately" and task.m > 1
         self._mode = Mode.of(self.config.mode)
         self._threshold, self._dead_zone = self.config.threshold, self.config.dead_zone
+        self._contraction = self.config.contraction
 
     @property
     def mode(self) -> Mode:
@@ -229,6 +252,8 @@ class MigFilter:
             self._mode = Mode.of(checked.mode)
         if "threshold" in values:
             self._threshold = checked.threshold
+        if "contraction" in values:
+            self._contraction = checked.contraction
         if "dead_zone" in values:
             self._dead_zone = checked.dead_zone
 
@@ -248,16 +273,22 @@ class MigFilter:
         if not any(abs(u) > self._dead_zone for u in u_user):
             return self._decision(Verdict.ACCEPTED, Reason.NULL_ACTION, math.nan, u_user, u_user)
         self._agreed = None
-        criterion = self._judge(x, u_user, task_mode)
-        if not math.isfinite(criterion):
+        values = self._one_by_one(x, u_user, task_mode) if self._separately else None
+        criterion = self._judge(x, u_user, task_mode) if values is None else float(values.max())
+        bound = self._threshold
+        if self._contraction > 0.0:
+            bound -= self._contraction * self._cost_of_nothing(x, task_mode)
+        if not (math.isfinite(criterion) and math.isfinite(bound)):
             return self._safe(Reason.NON_FINITE_CRITERION, u_user)
-        if criterion <= self._threshold:
-            return self._decision(Verdict.ACCEPTED, Reason.CRITERION, criterion, u_user, u_user)
-        if mode is Mode.TRAINING:
-            return self._decision(Verdict.REJECTED, Reason.CRITERION, criterion, u_user, self._null)
-        solution = self._agreed or self._controller.solve(x, task_mode)
-        reason = Reason.CRITERION if solution.usable else Reason.NOT_CONVERGED
-        return self._decision(Verdict.REPLACED, reason, criterion, u_user, solution.control)
+        if criterion <= bound:
+            return self._decision(Verdict.ACCEPTED, Reason.CRITERION, criterion, u_user, u_user, bound)
+        verdict, reason, substitute = Verdict.REJECTED, Reason.CRITERION, self._null
+        if mode is Mode.ASSISTANCE:
+            solution = self._agreed or self._controller.solve(x, task_mode)
+            reason = Reason.CRITERION if solution.usable else Reason.NOT_CONVERGED
+            verdict, substitute = Verdict.REPLACED, solution.control
+        applied = substitute if values is None else np.where(values > bound, substitute, u_user)
+        return self._decision(verdict, reason, criterion, u_user, applied, bound)
 
     def fallback(self, reason: Reason | int, u_user: Array) -> Decision:
         """The safe command in place of an action that could not be judged; counts as a tick, as :meth:`decide` does."""
@@ -273,14 +304,24 @@ class MigFilter:
         """Compile, or load, every kernel; leaves the filter as :meth:`reset` does."""
         x = self.task.initial_state
         self._criterion(x, np.ones(self.task.m))
+        self._cost_of_nothing(x, None)
         self._controller.solve(x)
         self.reset()
+
+    def _one_by_one(self, x: Array, u_user: Array, task_mode: int | None) -> Array:
+        """Criterion of each input by itself, (m,); -infinity where there is nothing to judge."""
+        values = np.full(len(u_user), -math.inf)
+        for j in np.flatnonzero(np.abs(u_user) > self._dead_zone):
+            alone = np.zeros(len(u_user))
+            alone[j] = u_user[j]
+            values[j] = self._judge(x, alone, task_mode)
+        return values
 
     def _at_random(self, x: Array, u_user: Array, task_mode: int | None) -> float:
         return self.config.rejection_rate - self._random.random()
 
     def _agreement(self, x: Array, u_user: Array, task_mode: int | None) -> float:
-        self._agreed = self._controller.solve(x, task_mode)
+        self._agreed = self._agreed or self._controller.solve(x, task_mode)
         return -float(np.dot(u_user, self._agreed.control))
 
     def _safe(self, reason: Reason, u_user: Array) -> Decision:
@@ -288,5 +329,14 @@ class MigFilter:
             return self._decision(Verdict.REPLACED, reason, math.nan, u_user, self._controller.fallback())
         return self._decision(Verdict.REJECTED, reason, math.nan, u_user, self._null)
 
-    def _decision(self, verdict: Verdict, reason: Reason, criterion: float, u_user: Array, applied: Array) -> Decision:
-        return Decision(verdict, reason, self._mode, criterion, self._threshold, u_user, self._null, applied)
+    def _decision(
+        self,
+        verdict: Verdict,
+        reason: Reason,
+        criterion: float,
+        u_user: Array,
+        applied: Array,
+        bound: float | None = None,
+    ) -> Decision:
+        threshold = self._threshold if bound is None else bound
+        return Decision(verdict, reason, self._mode, criterion, threshold, u_user, self._null, applied)

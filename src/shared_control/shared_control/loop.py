@@ -130,10 +130,7 @@ class FilterAgent:
     def _outcome(self, decision: Decision, force: Array) -> FilterOutcome:
         if decision.verdict is Verdict.ACCEPTED:
             return FilterOutcome(decision, np.array(force), np.zeros(3))
-        if decision.verdict is Verdict.REJECTED:
-            admitted = np.zeros(3)
-        else:
-            admitted = self.task.wrench_from_control(decision.applied_control, self._robot)
+        admitted = self.task.wrench_from_control(decision.applied_control, self._robot)
         return FilterOutcome(decision, admitted, admitted - force)
 
 
