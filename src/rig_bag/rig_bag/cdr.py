@@ -67,6 +67,12 @@ class Schema:
     name: str
     types: dict[str, tuple[_Field, ...]]
 
+    @property
+    def begins_with_stamp(self) -> bool:
+        """Whether the first eight bytes of a message's data are a time: its header's stamp, or a stamp of its own."""
+        fields = self.types[self.name]
+        return bool(fields) and fields[0].type in ("std_msgs/Header", "builtin_interfaces/Time")
+
     def decode(self, data: bytes) -> SimpleNamespace:
         """One message as nested namespaces; sequences of numbers as numpy arrays, others as lists.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import json
 import signal
 import sys
 import threading
@@ -59,6 +60,10 @@ def _parser(program: str) -> argparse.ArgumentParser:
     describe_.add_argument("bag_path", help="Bag to describe")
     describe_.add_argument("-t", "--topic-name", action="store_true", help="Only print the names of the topics")
 
+    check = verbs.add_parser("verify", help="Check a bag from its bytes; the exit status is 0 if nothing is wrong")
+    check.add_argument("bag_path", help="Bag to check")
+    check.add_argument("--json", action="store_true", help="Print JSON instead of tables")
+
     play = verbs.add_parser("play", help="Play a bag")
     play.add_argument("bag_path", help="Bag to play")
     play.add_argument("-r", "--rate", type=_positive, default=1.0, help="Rate of play, above 0")
@@ -105,6 +110,14 @@ def _info(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _verify(arguments: argparse.Namespace) -> int:
+    from rig_bag.verify import verify
+
+    found = verify(arguments.bag_path)
+    print(json.dumps(found.mapping(), indent=2) if arguments.json else found.text())
+    return int(not found.ok)
+
+
 def _play(arguments: argparse.Namespace) -> int:
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -137,7 +150,7 @@ def _play(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None, program: str = "ros2 bag") -> int:
     """Run one verb; returns the exit status (0, or 1 after an error, which is printed in one sentence)."""
     arguments = _parser(program).parse_args(argv)
-    verbs = {"record": _record, "info": _info, "play": _play}
+    verbs = {"record": _record, "info": _info, "verify": _verify, "play": _play}
     try:
         return verbs[arguments.verb](arguments)
     except BagError as error:
