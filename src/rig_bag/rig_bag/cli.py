@@ -64,6 +64,11 @@ def _parser(program: str) -> argparse.ArgumentParser:
     check.add_argument("bag_path", help="Bag to check")
     check.add_argument("--json", action="store_true", help="Print JSON instead of tables")
 
+    mend = verbs.add_parser("repair", help="Make a valid bag of one that was cut; the original is only read")
+    mend.add_argument("bag_path", help="Bag to repair")
+    mend.add_argument("--out", metavar="DIR", help="Bag to create; by default beside the old one, with _repaired")
+    mend.add_argument("--json", action="store_true", help="Print JSON instead of a table")
+
     play = verbs.add_parser("play", help="Play a bag")
     play.add_argument("bag_path", help="Bag to play")
     play.add_argument("-r", "--rate", type=_positive, default=1.0, help="Rate of play, above 0")
@@ -118,6 +123,14 @@ def _verify(arguments: argparse.Namespace) -> int:
     return int(not found.ok)
 
 
+def _repair(arguments: argparse.Namespace) -> int:
+    from rig_bag.repair import repair
+
+    done = repair(arguments.bag_path, arguments.out)
+    print(json.dumps(done.mapping(), indent=2) if arguments.json else done.text())
+    return 0
+
+
 def _play(arguments: argparse.Namespace) -> int:
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -150,7 +163,7 @@ def _play(arguments: argparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None, program: str = "ros2 bag") -> int:
     """Run one verb; returns the exit status (0, or 1 after an error, which is printed in one sentence)."""
     arguments = _parser(program).parse_args(argv)
-    verbs = {"record": _record, "info": _info, "verify": _verify, "play": _play}
+    verbs = {"record": _record, "info": _info, "verify": _verify, "repair": _repair, "play": _play}
     try:
         return verbs[arguments.verb](arguments)
     except BagError as error:

@@ -30,7 +30,7 @@ from rig_bag.mcap_records import (
     parse_chunk,
 )
 
-__all__ = ["Contents", "Messages", "read_file", "scan", "scan_bytes"]
+__all__ = ["Contents", "Messages", "check_begin", "read_file", "scan", "scan_bytes", "take"]
 
 _frame = struct.Struct("<BQ").unpack_from
 _message = struct.Struct("<BQHIQQ").unpack_from
@@ -89,13 +89,13 @@ def read_file(path: Path) -> bytes:
         data = path.read_bytes()
     except OSError as error:
         raise BagError(f"cannot read {path}: {error.strerror}") from error
-    _check_begin(data, str(path))
+    check_begin(data, str(path))
     return data
 
 
 def scan_bytes(data: bytes, name: str) -> Contents:
     """As :func:`scan`, of bytes in memory; ``name`` is what an error calls them."""
-    _check_begin(data, name)
+    check_begin(data, name)
     contents = Contents()
     try:
         for opcode, offset, start, end in _data_section(data):
@@ -104,7 +104,7 @@ def scan_bytes(data: bytes, name: str) -> Contents:
             elif opcode == MESSAGE:
                 _take_chunk(data[offset:end], contents)
             else:
-                _take(opcode, data[start:end], contents, offset)
+                take(opcode, data[start:end], contents, offset)
         if not data.endswith(MAGIC):
             raise ValueError("its last bytes are missing")
     except DAMAGE as error:
@@ -112,7 +112,8 @@ def scan_bytes(data: bytes, name: str) -> Contents:
     return contents
 
 
-def _check_begin(data: bytes, name: str) -> None:
+def check_begin(data: bytes, name: str) -> None:
+    """Raise BagError if this is another kind of file."""
     if not data.startswith(MAGIC):
         kind = (
             "a ROS 1 bag"
@@ -158,13 +159,14 @@ def _take_chunk(records: bytes, contents: Contents) -> None:
             end = position + FRAME_SIZE + length
             if end > size:
                 raise ValueError("a record is longer than its chunk")
-            _take(opcode, records[position + FRAME_SIZE : end], contents, position)
+            take(opcode, records[position + FRAME_SIZE : end], contents, position)
         position = end
     if position != size:
         raise ValueError("a chunk ends inside a record")
 
 
-def _take(opcode: int, content: bytes, contents: Contents, offset: int) -> None:
+def take(opcode: int, content: bytes, contents: Contents, offset: int) -> None:
+    """Put a record that is no message where it belongs; ``offset`` is where it is, for an error."""
     cursor = Cursor(content)
     if opcode == HEADER:
         contents.profile, contents.library = cursor.text(), cursor.text()
