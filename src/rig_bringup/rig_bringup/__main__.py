@@ -20,7 +20,11 @@ def main() -> int:
         from rig_bag.cli import main as bag
 
         return bag(rest)
-    print(f"error: there is no command {command!r}; use up, test, bag", file=sys.stderr)
+    if command == "rederive":
+        from rig_study.rederive_cli import main as rederive
+
+        return rederive(rest)
+    print(f"error: there is no command {command!r}; use up, test, bag, rederive", file=sys.stderr)
     return 2
 
 
