@@ -8,7 +8,7 @@ import json
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import rclpy
@@ -40,7 +40,7 @@ def _not_negative(text: str) -> float:
 
 
 def _parser(program: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=program, description="Record, describe and play bags.")
+    parser = argparse.ArgumentParser(prog=program, description="Record, describe, check, repair, export and play bags.")
     verbs = parser.add_subparsers(dest="verb", metavar="verb", required=True)
 
     record = verbs.add_parser("record", help="Record topics into a bag, until interrupted")
@@ -68,6 +68,12 @@ def _parser(program: str) -> argparse.ArgumentParser:
     mend.add_argument("bag_path", help="Bag to repair")
     mend.add_argument("--out", metavar="DIR", help="Bag to create; by default beside the old one, with _repaired")
     mend.add_argument("--json", action="store_true", help="Print JSON instead of a table")
+
+    save = verbs.add_parser("export", help="Write the topics as tables, a file for each")
+    save.add_argument("bag_path", help="Bag to export")
+    save.add_argument("--to", required=True, metavar="DIR", help="Folder of the files")
+    save.add_argument("--format", default="csv", help="csv, npz or parquet (which needs pyarrow)")
+    save.add_argument("--topics", nargs="+", metavar="TOPIC", help="Topics to export; by default all")
 
     play = verbs.add_parser("play", help="Play a bag")
     play.add_argument("bag_path", help="Bag to play")
@@ -105,13 +111,16 @@ def _record(arguments: argparse.Namespace) -> int:
     return run(recorder, args=[])
 
 
-def _info(arguments: argparse.Namespace) -> int:
+def _info(arguments: argparse.Namespace, about: Callable[[str], str] | None) -> int:
     bag = info(arguments.bag_path)
     if arguments.topic_name:
         for entry in bag.metadata.topics:
             print(entry.name)
     else:
         print(describe(bag))
+        more = about(arguments.bag_path) if about is not None else ""
+        if more:
+            print(f"\n{more}")
     return 0
 
 
@@ -128,6 +137,14 @@ def _repair(arguments: argparse.Namespace) -> int:
 
     done = repair(arguments.bag_path, arguments.out)
     print(json.dumps(done.mapping(), indent=2) if arguments.json else done.text())
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from rig_bag.export import export
+
+    for path in export(arguments.bag_path, arguments.to, arguments.format, arguments.topics):
+        print(path)
     return 0
 
 
@@ -160,10 +177,22 @@ def _play(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def main(argv: Sequence[str] | None = None, program: str = "ros2 bag") -> int:
-    """Run one verb; returns the exit status (0, or 1 after an error, which is printed in one sentence)."""
+def main(
+    argv: Sequence[str] | None = None, program: str = "ros2 bag", about: Callable[[str], str] | None = None
+) -> int:
+    """Run one verb; returns the exit status (0, or 1 after an error, which is printed in one sentence).
+
+    ``about``: what ``info`` prints of a bag after the text of ``ros2 bag info``, unless it is empty.
+    """
     arguments = _parser(program).parse_args(argv)
-    verbs = {"record": _record, "info": _info, "verify": _verify, "repair": _repair, "play": _play}
+    verbs = {
+        "record": _record,
+        "info": partial(_info, about=about),
+        "verify": _verify,
+        "repair": _repair,
+        "export": _export,
+        "play": _play,
+    }
     try:
         return verbs[arguments.verb](arguments)
     except BagError as error:
