@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rig_bag.describe import describe
 from rig_bag.errors import BagError
 from rig_bag.player import Player
+from rig_bag.player_services import serve, timing
 from rig_bag.reader import info
 from rig_bag.recorder import make_recorder
 from rig_runtime.run import run
@@ -37,6 +38,13 @@ def _not_negative(text: str) -> float:
     if not value >= 0.0:
         raise argparse.ArgumentTypeError(f"Value {value} is less than zero.")
     return value
+
+
+def _remapping(text: str) -> tuple[str, str]:
+    old, separator, new = text.partition(":=")
+    if not (separator and old and new):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form OLD:=NEW")
+    return old, new
 
 
 def _parser(program: str) -> argparse.ArgumentParser:
@@ -82,6 +90,16 @@ def _parser(program: str) -> argparse.ArgumentParser:
     play.add_argument(
         "--start-offset", type=_not_negative, default=0.0, metavar="S", help="Start this many seconds into the bag"
     )
+    play.add_argument(
+        "--playback-duration", type=_positive, metavar="S", help="Play this much of the bag's time; by default all"
+    )
+    play.add_argument(
+        "-m", "--remap", nargs="+", type=_remapping, default=[], metavar="OLD:=NEW", help="Other names for topics"
+    )
+    play.add_argument(
+        "--clock", nargs="?", type=_positive, const=40.0, default=0.0, metavar="HZ", help="Publish /clock (40 Hz)"
+    )
+    play.add_argument("-p", "--start-paused", action="store_true", help="Begin with a pause")
     play.add_argument("-l", "--loop", action="store_true", help="Start again at the end")
     play.add_argument(
         "-d", "--delay", type=_not_negative, default=0.0, metavar="S", help="Wait this long before playing"
@@ -161,13 +179,20 @@ def _play(arguments: argparse.Namespace) -> int:
                 topics=arguments.topics,
                 rate=arguments.rate,
                 start_offset=arguments.start_offset,
+                duration=arguments.playback_duration,
+                remap=dict(arguments.remap),
+                clock_rate=arguments.clock,
             )
-            stop.wait(arguments.delay)
-            while not stop.is_set():
-                player.play(stop)
-                if not arguments.loop:
-                    break
+            if arguments.start_paused:
+                player.pause()
+            with serve(node, player):
+                stop.wait(arguments.delay)
+                while not stop.is_set():
+                    player.play(stop)
+                    if not arguments.loop:
+                        break
             player.drain()
+            print(timing(player.lateness), file=sys.stderr)
         finally:
             node.destroy_node()
     finally:
