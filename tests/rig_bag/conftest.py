@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from pathlib import Path
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 
 from mig_interfaces.msg import TaskState, TrialState
+from rig_bag import BagWriter
+from rig_bag.recording import Recording, Trial
 
 EPOCH = 1_000_000_000_000
 STEP = 10_000_000
@@ -53,3 +59,48 @@ def _trial_state(phase: int, ticks: int = 0, uid: int = 1) -> TrialState:
     message.sample_time.nanosec = STEP
     message.epoch.sec, message.epoch.nanosec = divmod(EPOCH, 1_000_000_000)
     return _stamp(message, EPOCH + max(0, ticks - 1) * STEP)
+
+
+@pytest.fixture
+def trial_bag(tmp_path: Path, task_state: Callable[[int], TaskState]) -> Callable[..., Path]:
+    """Records a trial of some ticks, with the rig's topics and its recording, and returns the bag."""
+
+    def make(
+        name: str = "bag", ticks: int = 40, *, lacks: Collection[int] = (), twice: Collection[int] = (), **options: Any
+    ) -> Path:
+        writer = BagWriter(tmp_path / name, **{"chunk_size": 1500, **options})
+        recording = Recording(writer, per_tick=["/rig/task/state", "/rig/mig_filter/accepted|/rig/mig_filter/rejected"])
+        trial = recording.add_topic("/rig/trial/state", "mig_interfaces/msg/TrialState")
+        state = recording.add_topic("/rig/task/state", "mig_interfaces/msg/TaskState")
+        verdicts = [
+            recording.add_topic(f"/rig/mig_filter/{verdict}", "geometry_msgs/msg/WrenchStamped")
+            for verdict in ("accepted", "rejected")
+        ]
+        text = recording.add_topic("/text", "std_msgs/msg/String")
+        writer.attach("scenario.yaml", b"a: 1\n", "application/yaml", 5)
+        now = EPOCH
+
+        def send(stream: Any, message: Any) -> None:
+            nonlocal now
+            now += 1000
+            recording.receive(stream, serialize_message(message), now)
+
+        def announce(phase: int, published: int = 0) -> None:
+            message = _trial_state(phase, published)
+            send(trial, message)
+            recording.follow(Trial.from_message(message))
+
+        announce(TrialState.PHASE_RUNNING)
+        for tick in range(ticks):
+            now = EPOCH + tick * STEP
+            wrench = _stamp(WrenchStamped(), EPOCH + tick * STEP)
+            for _ in range(0 if tick in lacks else 2 if tick in twice else 1):
+                send(state, task_state(tick))
+                send(verdicts[tick % 3 == 0], wrench)
+            if tick % 7 == 0:
+                send(text, String(data="x" * tick))
+        announce(TrialState.PHASE_FINISHED, ticks)
+        recording.close("the test ended it")
+        return writer.path
+
+    return make

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import signal
@@ -14,11 +15,14 @@ from typing import Any
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock as Time
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from rig_bag import BagError, BagWriter, info, messages
 from rig_bag.cli import main
 from rig_bag.player import Player
+from rig_bag.player_services import offer, timing
 from rig_bag.qos import Qos
 
 START = 1_700_000_000_000_000_000
@@ -95,12 +99,72 @@ def test_it_plays_only_what_is_asked_for_and_stops_when_told(single_graph: Any, 
     assert player.play(stop) == 0
 
 
+def test_a_part_of_it_plays_under_other_names_with_a_clock(single_graph: Any, bag: Path) -> None:
+    graph = single_graph
+    received: list[String] = []
+    moments: list[Time] = []
+    texts = graph.node.create_subscription(String, "/other", received.append, QoSProfile(depth=100))
+    times = graph.node.create_subscription(Time, "/clock", moments.append, QoSProfile(depth=100))
+    clock = Clock()
+    player = Player(graph.node, bag, start_offset=0.1, duration=0.4, remap={"/a": "/other"}, clock_rate=50, clock=clock)
+    graph.until(lambda: bool(texts.get_publisher_count() and times.get_publisher_count()))
+    assert player.play(clock.stop) == 4
+    graph.until(lambda: len(received) == 4 and len(moments) == 16)
+    assert [message.data for message in received] == ["1", "2", "3", "4"]
+    offsets = [moment.clock.sec * 10**9 + moment.clock.nanosec - START for moment in moments]
+    assert offsets == pytest.approx([100_000_000 + 20_000_000 * tick for tick in range(16)], abs=2)
+    assert max(player.lateness) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_it_pauses_steps_and_goes_on_by_service(single_graph: Any, bag: Path) -> None:
+    graph = single_graph
+    player = Player(graph.node, bag)
+    offer(graph.node, player)
+
+    def call(name: str) -> Any:
+        return graph.call(Trigger, f"/rig/probe/{name}", Trigger.Request())
+
+    assert call("play_next").message == "it steps only while it is paused"
+    assert call("pause").message == "paused"
+    thread = threading.Thread(target=player.play)
+    thread.start()
+    for count in (1, 2, 3):
+        assert call("play_next").success
+        graph.until(lambda count=count: len(player.lateness) == count)
+    assert player.paused
+    assert call("toggle_paused").message == "playing"
+    graph.until(lambda: not thread.is_alive())
+    assert len(player.lateness) == 10
+    assert "10 messages played; late by" in timing(player.lateness)
+
+
+def test_a_pause_moves_what_comes_after_it(single_graph: Any, bag: Path) -> None:
+    clock = Clock()
+    player = Player(single_graph.node, bag, clock=clock)
+    sent: list[float] = []
+
+    def note(data: bytes) -> None:
+        sent.append(clock.now)
+        if len(sent) == 4:
+            player.pause()
+            clock.now += 5.0
+            player.resume()
+
+    for name in player.publishers:
+        player.publishers[name] = type("Sink", (), {"publish": staticmethod(note)})
+    assert player.play(clock.stop) == 10
+    steps = [after - before for before, after in itertools.pairwise(sent)]
+    assert steps == pytest.approx([0.1] * 3 + [5.1] + [0.1] * 5)
+
+
 def test_what_cannot_be_played_is_said(single_graph: Any, bag: Path, tmp_path: Path) -> None:
     node = single_graph.node
     for values, says in (
         ({"topics": ["/c"]}, "has no topic /c; it has /a, /b"),
         ({"rate": 0.0}, "rate above 0"),
         ({"start_offset": -1.0}, "at least 0 s"),
+        ({"duration": 0.0}, "more than 0 s"),
+        ({"remap": {"/c": "/d"}}, "has no topic /c"),
         ({"start_offset": 5.0}, r"nothing to play after 5\.0 s"),
     ):
         with pytest.raises(BagError, match=says):
@@ -140,7 +204,7 @@ def test_errors_are_one_sentence_and_a_status(tmp_path: Path, capsys: pytest.Cap
     assert capsys.readouterr().err == f"error: there is no bag {tmp_path / 'none'}\n"
     assert main(["record"]) == 1
     assert "--all or --regex" in capsys.readouterr().err
-    for wrong in (["play", "--rate", "0", "x"], ["fly"], []):
+    for wrong in (["play", "--rate", "0", "x"], ["play", "x", "--remap", "a"], ["fly"], []):
         with pytest.raises(SystemExit) as ended:
             main(wrong)
         assert ended.value.code == 2

@@ -10,6 +10,8 @@ from rclpy.serialization import serialize_message
 
 import rig_bag
 from mig_interfaces.msg import FilterDecision, TaskState, TrialState
+from rig_bag.cli import main as bag_command
+from rig_bringup.__main__ import trial_of
 from rig_study.recorded import TrialError, load
 from rig_study.trial_report import summarize, write_report
 
@@ -84,3 +86,16 @@ def test_the_same_bag_gives_the_same_page(tmp_path: Path) -> None:
 def test_a_bag_without_ticks_says_so(tmp_path: Path) -> None:
     with pytest.raises(TrialError, match=r"holds no tick.*ran to its end"):
         load(write(tmp_path / "bag", 0))
+
+
+def test_info_ends_with_the_trial(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = write(tmp_path / "bag", 400)
+    assert bag_command(["info", str(bag)], about=trial_of) == 0
+    said = capsys.readouterr().out
+    assert said.index("Service information:") < said.index("accepted")
+    for words in ("75.0 %", "missed deadlines", "decision, p50 / p99", "10 / 10 us"):
+        assert words in said
+    with rig_bag.BagWriter(tmp_path / "other") as other:
+        other.add_topic("/a", "std_msgs/msg/String")
+    assert bag_command(["info", str(tmp_path / "other")], about=trial_of) == 0
+    assert capsys.readouterr().out.endswith("Service information: \n")

@@ -67,6 +67,26 @@ class Schema:
     name: str
     types: dict[str, tuple[_Field, ...]]
 
+    @property
+    def begins_with_stamp(self) -> bool:
+        """Whether the first eight bytes of a message's data are a time: its header's stamp, or a stamp of its own."""
+        fields = self.types[self.name]
+        return bool(fields) and fields[0].type in ("std_msgs/Header", "builtin_interfaces/Time")
+
+    def axes(self) -> dict[str, tuple[str, ...]]:
+        """Names along the last axis of the columns that :meth:`array` makes of a vector: {column: names}."""
+        found: dict[str, tuple[str, ...]] = {}
+
+        def walk(name: str, prefix: str) -> None:
+            for field in self.types[name]:
+                if field.type in _AXES:
+                    found[prefix + field.name] = _AXES[field.type]
+                elif field.type in self.types and field.length is None:
+                    walk(field.type, f"{prefix}{field.name}.")
+
+        walk(self.name, "")
+        return found
+
     def decode(self, data: bytes) -> SimpleNamespace:
         """One message as nested namespaces; sequences of numbers as numpy arrays, others as lists.
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import json
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import rclpy
@@ -17,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rig_bag.describe import describe
 from rig_bag.errors import BagError
 from rig_bag.player import Player
+from rig_bag.player_services import serve, timing
 from rig_bag.reader import info
 from rig_bag.recorder import make_recorder
 from rig_runtime.run import run
@@ -38,8 +40,15 @@ def _not_negative(text: str) -> float:
     return value
 
 
+def _remapping(text: str) -> tuple[str, str]:
+    old, separator, new = text.partition(":=")
+    if not (separator and old and new):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form OLD:=NEW")
+    return old, new
+
+
 def _parser(program: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=program, description="Record, describe and play bags.")
+    parser = argparse.ArgumentParser(prog=program, description="Record, describe, check, repair, export and play bags.")
     verbs = parser.add_subparsers(dest="verb", metavar="verb", required=True)
 
     record = verbs.add_parser("record", help="Record topics into a bag, until interrupted")
@@ -59,6 +68,21 @@ def _parser(program: str) -> argparse.ArgumentParser:
     describe_.add_argument("bag_path", help="Bag to describe")
     describe_.add_argument("-t", "--topic-name", action="store_true", help="Only print the names of the topics")
 
+    check = verbs.add_parser("verify", help="Check a bag from its bytes; the exit status is 0 if nothing is wrong")
+    check.add_argument("bag_path", help="Bag to check")
+    check.add_argument("--json", action="store_true", help="Print JSON instead of tables")
+
+    mend = verbs.add_parser("repair", help="Make a valid bag of one that was cut; the original is only read")
+    mend.add_argument("bag_path", help="Bag to repair")
+    mend.add_argument("--out", metavar="DIR", help="Bag to create; by default beside the old one, with _repaired")
+    mend.add_argument("--json", action="store_true", help="Print JSON instead of a table")
+
+    save = verbs.add_parser("export", help="Write the topics as tables, a file for each")
+    save.add_argument("bag_path", help="Bag to export")
+    save.add_argument("--to", required=True, metavar="DIR", help="Folder of the files")
+    save.add_argument("--format", default="csv", help="csv, npz or parquet (which needs pyarrow)")
+    save.add_argument("--topics", nargs="+", metavar="TOPIC", help="Topics to export; by default all")
+
     play = verbs.add_parser("play", help="Play a bag")
     play.add_argument("bag_path", help="Bag to play")
     play.add_argument("-r", "--rate", type=_positive, default=1.0, help="Rate of play, above 0")
@@ -66,6 +90,16 @@ def _parser(program: str) -> argparse.ArgumentParser:
     play.add_argument(
         "--start-offset", type=_not_negative, default=0.0, metavar="S", help="Start this many seconds into the bag"
     )
+    play.add_argument(
+        "--playback-duration", type=_positive, metavar="S", help="Play this much of the bag's time; by default all"
+    )
+    play.add_argument(
+        "-m", "--remap", nargs="+", type=_remapping, default=[], metavar="OLD:=NEW", help="Other names for topics"
+    )
+    play.add_argument(
+        "--clock", nargs="?", type=_positive, const=40.0, default=0.0, metavar="HZ", help="Publish /clock (40 Hz)"
+    )
+    play.add_argument("-p", "--start-paused", action="store_true", help="Begin with a pause")
     play.add_argument("-l", "--loop", action="store_true", help="Start again at the end")
     play.add_argument(
         "-d", "--delay", type=_not_negative, default=0.0, metavar="S", help="Wait this long before playing"
@@ -95,13 +129,40 @@ def _record(arguments: argparse.Namespace) -> int:
     return run(recorder, args=[])
 
 
-def _info(arguments: argparse.Namespace) -> int:
+def _info(arguments: argparse.Namespace, about: Callable[[str], str] | None) -> int:
     bag = info(arguments.bag_path)
     if arguments.topic_name:
         for entry in bag.metadata.topics:
             print(entry.name)
     else:
         print(describe(bag))
+        more = about(arguments.bag_path) if about is not None else ""
+        if more:
+            print(f"\n{more}")
+    return 0
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from rig_bag.verify import verify
+
+    found = verify(arguments.bag_path)
+    print(json.dumps(found.mapping(), indent=2) if arguments.json else found.text())
+    return int(not found.ok)
+
+
+def _repair(arguments: argparse.Namespace) -> int:
+    from rig_bag.repair import repair
+
+    done = repair(arguments.bag_path, arguments.out)
+    print(json.dumps(done.mapping(), indent=2) if arguments.json else done.text())
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from rig_bag.export import export
+
+    for path in export(arguments.bag_path, arguments.to, arguments.format, arguments.topics):
+        print(path)
     return 0
 
 
@@ -118,13 +179,20 @@ def _play(arguments: argparse.Namespace) -> int:
                 topics=arguments.topics,
                 rate=arguments.rate,
                 start_offset=arguments.start_offset,
+                duration=arguments.playback_duration,
+                remap=dict(arguments.remap),
+                clock_rate=arguments.clock,
             )
-            stop.wait(arguments.delay)
-            while not stop.is_set():
-                player.play(stop)
-                if not arguments.loop:
-                    break
+            if arguments.start_paused:
+                player.pause()
+            with serve(node, player):
+                stop.wait(arguments.delay)
+                while not stop.is_set():
+                    player.play(stop)
+                    if not arguments.loop:
+                        break
             player.drain()
+            print(timing(player.lateness), file=sys.stderr)
         finally:
             node.destroy_node()
     finally:
@@ -134,10 +202,22 @@ def _play(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def main(argv: Sequence[str] | None = None, program: str = "ros2 bag") -> int:
-    """Run one verb; returns the exit status (0, or 1 after an error, which is printed in one sentence)."""
+def main(
+    argv: Sequence[str] | None = None, program: str = "ros2 bag", about: Callable[[str], str] | None = None
+) -> int:
+    """Run one verb; returns the exit status (0, or 1 after an error, which is printed in one sentence).
+
+    ``about``: what ``info`` prints of a bag after the text of ``ros2 bag info``, unless it is empty.
+    """
     arguments = _parser(program).parse_args(argv)
-    verbs = {"record": _record, "info": _info, "play": _play}
+    verbs = {
+        "record": _record,
+        "info": partial(_info, about=about),
+        "verify": _verify,
+        "repair": _repair,
+        "export": _export,
+        "play": _play,
+    }
     try:
         return verbs[arguments.verb](arguments)
     except BagError as error:

@@ -1,10 +1,10 @@
 """A writer of MCAP files that survives a full disk.
 
 Layout: magic, header, then chunks (each a compressed run of schema, channel and message records, followed by one index
-record a channel), attachments and metadata, a summary that repeats and indexes all of it, footer, magic. Whatever
-reaches the file is a whole number of records, and an indexed piece can be taken back off its end; so a file that ran
-out of space is cut at the last whole chunk and still gets its summary. The hot path is :meth:`McapFile.write`: two
-appends to one buffer.
+record a channel), attachments and metadata, a checksum of all this, a summary that repeats and indexes it, footer,
+magic. Whatever reaches the file is a whole number of records, and an indexed piece can be taken back off its end; so
+a file that ran out of space is cut at the last whole chunk and still gets its summary. The hot path is
+:meth:`McapFile.write`: two appends to one buffer.
 Source: the MCAP specification, version 0 (little endian throughout; a string is a length of 32 bits and UTF-8).
 """
 
@@ -19,17 +19,30 @@ from pathlib import Path
 
 import zstandard
 
-__all__ = ["MAGIC", "Channel", "McapFile"]
+from rig_bag.mcap_records import (
+    ATTACHMENT,
+    ATTACHMENT_INDEX,
+    CHANNEL,
+    CHUNK,
+    CHUNK_INDEX,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_FIXED,
+    MESSAGE_INDEX,
+    METADATA,
+    METADATA_INDEX,
+    SCHEMA,
+    STATISTICS,
+    SUMMARY_OFFSET,
+)
 
-MAGIC = b"\x89MCAP0\r\n"
-
-_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = range(1, 7)
-_MESSAGE_INDEX, _CHUNK_INDEX, _ATTACHMENT, _ATTACHMENT_INDEX, _STATISTICS = range(7, 12)
-_METADATA, _METADATA_INDEX, _SUMMARY_OFFSET, _DATA_END = range(12, 16)
+__all__ = ["Channel", "McapFile"]
 
 _pack_message = struct.Struct("<BQHIQQ").pack
 _pack_index = struct.Struct("<QQ").pack
-_MESSAGE_FIXED = 2 + 4 + 8 + 8
 
 
 def _record(opcode: int, *parts: bytes) -> bytes:
@@ -67,6 +80,8 @@ class _Piece:
     offset: int
     length: int
     summary: bytes
+    #: CRC-32 of the file up to its first byte
+    crc: int = 0
     start_time: int = 0
     end_time: int = 0
     counts: dict[int, int] = field(default_factory=dict)
@@ -85,6 +100,7 @@ class McapFile:
         self._compressor = zstandard.ZstdCompressor(level=level)
         self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._size = 0
+        self._crc = 0
         self._buffer = bytearray()
         self._schemas: list[bytes] = []
         self._channel_records: list[bytes] = []
@@ -93,7 +109,7 @@ class McapFile:
         self._start = -1
         self._end = 0
         try:
-            self._append(MAGIC + _record(_HEADER, _text("ros2"), _text(library)))
+            self._append(MAGIC + _record(HEADER, _text("ros2"), _text(library)))
         except OSError:
             self.close()
             raise
@@ -104,7 +120,7 @@ class McapFile:
         """Declare a message type; returns its identifier."""
         identifier = len(self._schemas) + 1
         record = _record(
-            _SCHEMA, struct.pack("<H", identifier), _text(name), _text(encoding), struct.pack("<I", len(data)), data
+            SCHEMA, struct.pack("<H", identifier), _text(name), _text(encoding), struct.pack("<I", len(data)), data
         )
         self._schemas.append(record)
         self._buffer += record
@@ -113,9 +129,7 @@ class McapFile:
     def add_channel(self, topic: str, schema: int, encoding: str, metadata: Mapping[str, str]) -> Channel:
         """Declare a topic."""
         channel = Channel(len(self._channels) + 1, topic)
-        record = _record(
-            _CHANNEL, struct.pack("<HH", channel.id, schema), _text(topic), _text(encoding), _map(metadata)
-        )
+        record = _record(CHANNEL, struct.pack("<HH", channel.id, schema), _text(topic), _text(encoding), _map(metadata))
         self._channels.append(channel)
         self._channel_records.append(record)
         self._buffer += record
@@ -127,7 +141,7 @@ class McapFile:
         """Append one message; times in nanoseconds since the epoch, 0 <= t < 2**64."""
         buffer = self._buffer
         channel.index += _pack_index(log_time, len(buffer))
-        buffer += _pack_message(_MESSAGE, _MESSAGE_FIXED + len(data), channel.id, channel.count, log_time, publish_time)
+        buffer += _pack_message(MESSAGE, MESSAGE_FIXED + len(data), channel.id, channel.count, log_time, publish_time)
         buffer += data
         channel.count = (channel.count + 1) & 0xFFFFFFFF
         self._end = max(self._end, log_time)
@@ -149,7 +163,7 @@ class McapFile:
         counts = {channel.id: len(channel.index) // 16 for channel in indexed}
         data = self._compressor.compress(raw)
         chunk = _record(
-            _CHUNK,
+            CHUNK,
             struct.pack("<QQQI", start_time, end_time, len(raw), zlib.crc32(raw)),
             _text("zstd"),
             struct.pack("<Q", len(data)),
@@ -161,12 +175,12 @@ class McapFile:
         for channel in indexed:
             index = bytes(channel.index)
             offsets += struct.pack("<HQ", channel.id, position)
-            record = _record(_MESSAGE_INDEX, struct.pack("<HI", channel.id, len(index)), index)
+            record = _record(MESSAGE_INDEX, struct.pack("<HI", channel.id, len(index)), index)
             records.append(record)
             position += len(record)
             channel.index = bytearray()
         summary = _record(
-            _CHUNK_INDEX,
+            CHUNK_INDEX,
             struct.pack("<QQQQ", start_time, end_time, self._size, len(chunk)),
             struct.pack("<I", len(offsets)),
             bytes(offsets),
@@ -177,32 +191,32 @@ class McapFile:
         # Cleared before the write: a chunk that the disk refuses must not be tried again with the next one.
         self._buffer = bytearray()
         self._start, self._end = -1, 0
-        self._add_piece(_CHUNK_INDEX, records, summary, start_time, end_time, counts)
+        self._add_piece(CHUNK_INDEX, records, summary, start_time, end_time, counts)
 
     def add_metadata(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write a metadata record (a name and a map of strings)."""
-        record = _record(_METADATA, _text(name), _map(mapping))
-        summary = _record(_METADATA_INDEX, struct.pack("<QQ", self._size, len(record)), _text(name))
-        self._add_piece(_METADATA_INDEX, [record], summary)
+        record = _record(METADATA, _text(name), _map(mapping))
+        summary = _record(METADATA_INDEX, struct.pack("<QQ", self._size, len(record)), _text(name))
+        self._add_piece(METADATA_INDEX, [record], summary)
 
     def add_attachment(self, name: str, media_type: str, data: bytes, log_time: int, create_time: int) -> None:
         """Write a file into the file."""
         content = struct.pack("<QQ", log_time, create_time) + _text(name) + _text(media_type)
         content += struct.pack("<Q", len(data)) + data
-        record = _record(_ATTACHMENT, content, struct.pack("<I", zlib.crc32(content)))
+        record = _record(ATTACHMENT, content, struct.pack("<I", zlib.crc32(content)))
         summary = _record(
-            _ATTACHMENT_INDEX,
+            ATTACHMENT_INDEX,
             struct.pack("<QQQQQ", self._size, len(record), log_time, create_time, len(data)),
             _text(name),
             _text(media_type),
         )
-        self._add_piece(_ATTACHMENT_INDEX, [record], summary)
+        self._add_piece(ATTACHMENT_INDEX, [record], summary)
 
     # -- what is in it -----------------------------------------------------------------------------------------------
 
     def times(self) -> tuple[int, int]:
         """First and last log time of the chunks in the file; (0, 0) if it has none."""
-        chunks = [piece for piece in self._pieces if piece.opcode == _CHUNK_INDEX]
+        chunks = [piece for piece in self._pieces if piece.opcode == CHUNK_INDEX]
         if not chunks:
             return 0, 0
         return min(piece.start_time for piece in chunks), max(piece.end_time for piece in chunks)
@@ -220,58 +234,59 @@ class McapFile:
     def drop(self) -> bool:
         """Take the last chunk (and what follows it) back off the file, to make room. False if there is none."""
         for number in range(len(self._pieces) - 1, -1, -1):
-            if self._pieces[number].opcode == _CHUNK_INDEX:
+            if self._pieces[number].opcode == CHUNK_INDEX:
                 self._cut(self._pieces[number].offset)
+                self._crc = self._pieces[number].crc
                 del self._pieces[number:]
                 return True
         return False
 
     def finish(self) -> None:
         """Write the summary and the footer. May be repeated after :meth:`drop`; what is buffered is not written."""
-        data_end = self._size
-        body = _record(_DATA_END, struct.pack("<I", 0))
+        data_end, crc = self._size, self._crc
+        body = _record(DATA_END, struct.pack("<I", crc))
         start = data_end + len(body)
         counts = {channel.id: self.counts()[channel.topic] for channel in self._channels}
         opcodes = [piece.opcode for piece in self._pieces]
         pairs = b"".join(struct.pack("<HQ", identifier, count) for identifier, count in counts.items() if count)
         statistics = _record(
-            _STATISTICS,
+            STATISTICS,
             struct.pack(
                 "<QHIIIIQQ",
                 sum(counts.values()),
                 len(self._schemas),
                 len(self._channels),
-                opcodes.count(_ATTACHMENT_INDEX),
-                opcodes.count(_METADATA_INDEX),
-                opcodes.count(_CHUNK_INDEX),
+                opcodes.count(ATTACHMENT_INDEX),
+                opcodes.count(METADATA_INDEX),
+                opcodes.count(CHUNK_INDEX),
                 *self.times(),
             ),
             struct.pack("<I", len(pairs)),
             pairs,
         )
         groups: list[tuple[int, list[bytes]]] = [
-            (_SCHEMA, self._schemas),
-            (_CHANNEL, self._channel_records),
-            (_STATISTICS, [statistics]),
+            (SCHEMA, self._schemas),
+            (CHANNEL, self._channel_records),
+            (STATISTICS, [statistics]),
         ]
         groups += [
             (kind, [piece.summary for piece in self._pieces if piece.opcode == kind])
-            for kind in (_CHUNK_INDEX, _ATTACHMENT_INDEX, _METADATA_INDEX)
+            for kind in (CHUNK_INDEX, ATTACHMENT_INDEX, METADATA_INDEX)
         ]
         summary = b""
         offsets = b""
         for opcode, records in groups:
             group = b"".join(records)
             if group:
-                offsets += _record(_SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start + len(summary), len(group)))
+                offsets += _record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start + len(summary), len(group)))
             summary += group
         offset_start = start + len(summary)
-        summary += offsets + struct.pack("<BQQQ", _FOOTER, 20, start, offset_start)
+        summary += offsets + struct.pack("<BQQQ", FOOTER, 20, start, offset_start)
         try:
             self._append(body + summary + struct.pack("<I", zlib.crc32(summary)) + MAGIC)
         finally:
             # Further records, and a summary written again, would go where the data ends.
-            self._size = data_end
+            self._size, self._crc = data_end, crc
 
     def sync(self) -> None:
         """Have the operating system put the file on the disk."""
@@ -294,9 +309,11 @@ class McapFile:
         end_time: int = 0,
         counts: dict[int, int] | None = None,
     ) -> None:
-        offset = self._size
+        offset, crc = self._size, self._crc
         self._append(b"".join(records))
-        self._pieces.append(_Piece(opcode, offset, self._size - offset, summary, start_time, end_time, counts or {}))
+        self._pieces.append(
+            _Piece(opcode, offset, self._size - offset, summary, crc, start_time, end_time, counts or {})
+        )
 
     def _append(self, data: bytes) -> None:
         if self._fd < 0:
@@ -312,6 +329,7 @@ class McapFile:
             self._cut(self._size)
             raise
         self._size = position
+        self._crc = zlib.crc32(data, self._crc)
 
     def _cut(self, size: int) -> None:
         os.ftruncate(self._fd, size)

@@ -8,28 +8,33 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import zstandard
-
-try:
-    import lz4.frame  # type: ignore[import-untyped]
-except ImportError:
-    lz4 = None
-
 from rig_bag.errors import BagError
-from rig_bag.mcap_file import MAGIC
+from rig_bag.mcap_records import (
+    ATTACHMENT,
+    CHANNEL,
+    CHUNK,
+    DAMAGE,
+    DATA_END,
+    FRAME_SIZE,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_FIXED,
+    METADATA,
+    SCHEMA,
+    Cursor,
+    frames,
+    parse_chunk,
+)
 
-__all__ = ["Contents", "Messages", "scan"]
+__all__ = ["Contents", "Messages", "check_begin", "read_file", "scan", "scan_bytes", "take"]
 
 _frame = struct.Struct("<BQ").unpack_from
 _message = struct.Struct("<BQHIQQ").unpack_from
-_MESSAGE_HEAD = 9 + 22
-_MESSAGE, _CHUNK, _DATA_END = 5, 6, 15
-#: A chunk that claims to be larger than this when unpacked is taken for damage.
-_CHUNK_LIMIT = 1 << 30
+_MESSAGE_HEAD = FRAME_SIZE + MESSAGE_FIXED
 
 
 @dataclass
@@ -63,59 +68,52 @@ class Contents:
     attachments: list[tuple[str, str, bytes]] = field(default_factory=list)
 
 
-class _Cursor:
-    """Takes values off the front of one record."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._position = 0
-
-    def number(self, size: int) -> int:
-        return int.from_bytes(self.take(size), "little")
-
-    def take(self, size: int) -> bytes:
-        start, self._position = self._position, self._position + size
-        if self._position > len(self._data):
-            raise ValueError("a record is shorter than its contents")
-        return self._data[start : self._position]
-
-    def text(self) -> str:
-        return self.take(self.number(4)).decode("utf-8")
-
-    def mapping(self) -> dict[str, str]:
-        inner = _Cursor(self.take(self.number(4)))
-        result = {}
-        while inner._position < len(inner._data):
-            key = inner.text()
-            result[key] = inner.text()
-        return result
-
-
-def _records(data: bytes, start: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield (opcode, offset of the record, start and end of its content)."""
-    position, size = start, len(data)
-    while position < size:
-        if position + 9 > size:
-            raise ValueError(f"cut off at byte {size}")
-        opcode, length = _frame(data, position)
-        end = position + 9 + length
-        if end > size:
-            raise ValueError(f"the record at byte {position} is cut off, or its length is damaged")
-        yield opcode, position, position + 9, end
-        position = end
-
-
 def scan(path: Path) -> Contents:
-    """Read a whole file. Every chunk and attachment that carries a CRC is checked against it.
+    """Read a whole file. What carries a checksum is checked against it.
 
     Raises
     ------
     BagError: no MCAP file, damaged, or not closed by its writer.
     """
+    return scan_bytes(read_file(path), str(path))
+
+
+def read_file(path: Path) -> bytes:
+    """The bytes of a file that begins as an MCAP file does.
+
+    Raises
+    ------
+    BagError: it cannot be read, or is something else.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
         raise BagError(f"cannot read {path}: {error.strerror}") from error
+    check_begin(data, str(path))
+    return data
+
+
+def scan_bytes(data: bytes, name: str) -> Contents:
+    """As :func:`scan`, of bytes in memory; ``name`` is what an error calls them."""
+    check_begin(data, name)
+    contents = Contents()
+    try:
+        for opcode, offset, start, end in _data_section(data):
+            if opcode == CHUNK:
+                _take_chunk(parse_chunk(data[start:end]).unpack(offset), contents)
+            elif opcode == MESSAGE:
+                _take_chunk(data[offset:end], contents)
+            else:
+                take(opcode, data[start:end], contents, offset)
+        if not data.endswith(MAGIC):
+            raise ValueError("its last bytes are missing")
+    except DAMAGE as error:
+        raise BagError(f"{name} is damaged: {error}") from error
+    return contents
+
+
+def check_begin(data: bytes, name: str) -> None:
+    """Raise BagError if this is another kind of file."""
     if not data.startswith(MAGIC):
         kind = (
             "a ROS 1 bag"
@@ -124,69 +122,31 @@ def scan(path: Path) -> Contents:
             if data[:6] == b"SQLite"
             else "no MCAP file"
         )
-        raise BagError(f"{path} is {kind}; only MCAP bags are read here")
-    contents = Contents()
-    try:
-        if not _scan(data, contents):
-            raise ValueError("its end is missing: the recorder did not close it")
-        if not data.endswith(MAGIC):
-            raise ValueError("its last bytes are missing")
-    except (ValueError, KeyError, IndexError, UnicodeDecodeError, struct.error, zstandard.ZstdError) as error:
-        raise BagError(f"{path} is damaged: {error}") from error
-    return contents
+        raise BagError(f"{name} is {kind}; only MCAP bags are read here")
 
 
-def _scan(data: bytes, contents: Contents) -> bool:
-    """Fill ``contents`` from the data section; whether that section is ended properly."""
-    for opcode, offset, start, end in _records(data, len(MAGIC)):
-        if opcode == _CHUNK:
-            _take_chunk(_unpack_chunk(data[start:end], offset), contents)
-        elif opcode == _MESSAGE:
-            _take_chunk(data[offset:end], contents)
-        elif opcode == _DATA_END:
-            return True
-        else:
-            _take(opcode, data[start:end], contents, offset)
-    return False
-
-
-def _unpack_chunk(content: bytes, offset: int) -> bytes:
-    cursor = _Cursor(content)
-    cursor.take(16)
-    size, crc, compression = cursor.number(8), cursor.number(4), cursor.text()
-    packed = cursor.take(cursor.number(8))
-    if size > _CHUNK_LIMIT:
-        raise ValueError(f"the chunk at byte {offset} claims {size} bytes")
-    if compression == "zstd":
-        records = zstandard.ZstdDecompressor().decompress(packed, max_output_size=max(size, 1))
-    elif compression == "lz4":
-        records = _unpack_lz4(packed)
-    elif compression == "":
-        records = packed
-    else:
-        raise ValueError(f"the chunk at byte {offset} is compressed with {compression!r}, which is not known here")
-    if len(records) != size or (crc and zlib.crc32(records) != crc):
-        raise ValueError(f"the chunk at byte {offset} does not match its checksum")
-    return records
-
-
-def _unpack_lz4(packed: bytes) -> bytes:
-    if lz4 is None:
-        raise ValueError("its chunks are compressed with lz4, and the package lz4 is not installed")
-    try:
-        return bytes(lz4.frame.decompress(packed))
-    except RuntimeError as error:
-        raise ValueError(str(error)) from error
+def _data_section(data: bytes) -> list[tuple[int, int, int, int]]:
+    """The frames up to the end of the data, whose checksum comes first: nothing of what it covers is then in doubt."""
+    found = []
+    for frame in frames(data, len(MAGIC)):
+        opcode, offset, start, end = frame
+        if opcode == DATA_END:
+            crc = int.from_bytes(data[start:end], "little") if end - start == 4 else -1
+            if crc and zlib.crc32(memoryview(data)[:offset]) != crc:
+                raise ValueError("its data does not match its checksum")
+            return found
+        found.append(frame)
+    raise ValueError("its end is missing: the recorder did not close it")
 
 
 def _take_chunk(records: bytes, contents: Contents) -> None:
     position, size = 0, len(records)
     channels = contents.channels
-    while position + 9 <= size:
-        if records[position] == _MESSAGE and position + _MESSAGE_HEAD <= size:
+    while position + FRAME_SIZE <= size:
+        if records[position] == MESSAGE and position + _MESSAGE_HEAD <= size:
             _, length, identifier, _, log_time, publish_time = _message(records, position)
-            end = position + 9 + length
-            if end > size or length < 22:
+            end = position + FRAME_SIZE + length
+            if end > size or length < MESSAGE_FIXED:
                 raise ValueError("a message is longer than its chunk")
             channel = channels[identifier]
             channel.log_times.append(log_time)
@@ -196,28 +156,29 @@ def _take_chunk(records: bytes, contents: Contents) -> None:
             channel.data.append(records[position + _MESSAGE_HEAD : end])
         else:
             opcode, length = _frame(records, position)
-            end = position + 9 + length
+            end = position + FRAME_SIZE + length
             if end > size:
                 raise ValueError("a record is longer than its chunk")
-            _take(opcode, records[position + 9 : end], contents, position)
+            take(opcode, records[position + FRAME_SIZE : end], contents, position)
         position = end
     if position != size:
         raise ValueError("a chunk ends inside a record")
 
 
-def _take(opcode: int, content: bytes, contents: Contents, offset: int) -> None:
-    cursor = _Cursor(content)
-    if opcode == 1:
+def take(opcode: int, content: bytes, contents: Contents, offset: int) -> None:
+    """Put a record that is no message where it belongs; ``offset`` is where it is, for an error."""
+    cursor = Cursor(content)
+    if opcode == HEADER:
         contents.profile, contents.library = cursor.text(), cursor.text()
-    elif opcode == 3:
+    elif opcode == SCHEMA:
         identifier = cursor.number(2)
         name, encoding = cursor.text(), cursor.text()
         contents.schemas[identifier] = (name, encoding, cursor.take(cursor.number(4)))
-    elif opcode == 4:
+    elif opcode == CHANNEL:
         identifier, schema = cursor.number(2), cursor.number(2)
         topic, encoding = cursor.text(), cursor.text()
         contents.channels.setdefault(identifier, Messages(topic, schema, encoding, cursor.mapping()))
-    elif opcode == 9:
+    elif opcode == ATTACHMENT:
         cursor.take(16)
         name, media_type = cursor.text(), cursor.text()
         data = cursor.take(cursor.number(8))
@@ -225,5 +186,5 @@ def _take(opcode: int, content: bytes, contents: Contents, offset: int) -> None:
         if crc and zlib.crc32(content[:-4]) != crc:
             raise ValueError(f"the attachment at byte {offset} does not match its checksum")
         contents.attachments.append((name, media_type, data))
-    elif opcode == 12:
+    elif opcode == METADATA:
         contents.metadata.append((cursor.text(), cursor.mapping()))

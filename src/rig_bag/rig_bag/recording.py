@@ -5,16 +5,15 @@ Its shell is :mod:`rig_bag.recorder`. :meth:`Recording.receive` is the hot path.
 
 from __future__ import annotations
 
-import json
 import struct
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 from rig_bag import definitions
+from rig_bag.account import Account
 from rig_bag.continuity import Continuity
 from rig_bag.mcap_file import Channel
 from rig_bag.qos import Qos
+from rig_bag.trial import Trial
 from rig_bag.writer import BagWriter
 
 __all__ = ["Recording", "Stream", "Trial"]
@@ -24,78 +23,6 @@ _unpack_big = struct.Struct(">iI").unpack_from
 _SECOND = 1_000_000_000
 #: Messages held back in lockstep until the first tick gives them a log time.
 _PENDING_LIMIT = 100_000
-#: Gaps listed one by one in the completeness record.
-_GAPS_LISTED = 20
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What the recording knows of its trial. Times in nanoseconds; fields as in ``mig_interfaces/msg/TrialState``."""
-
-    uid: int
-    phase: int
-    stamp: int
-    epoch: int
-    sample_time: int
-    ticks_planned: int
-    ticks_published: int
-    missed_deadlines: int
-    outcome: int
-    pacing: int
-    subject: str
-    group: str
-    set: str
-    trial: int
-    scenario: str
-    configuration_hash: str
-    seed: int
-    task: str
-    message: str
-    state_names: tuple[str, ...] = ()
-    state_units: tuple[str, ...] = ()
-    control_names: tuple[str, ...] = ()
-    control_units: tuple[str, ...] = ()
-
-    IDLE, ARMING, RUNNING, FINISHED, ABORTED = range(5)
-
-    @classmethod
-    def from_message(cls, message: Any) -> Trial:
-        """Take over a TrialState message."""
-        values: dict[str, Any] = {}
-        for name in cls.__dataclass_fields__:
-            if name == "stamp":
-                value: Any = message.header.stamp
-            else:
-                value = getattr(message, name)
-            if name in ("stamp", "epoch", "sample_time"):
-                value = value.sec * _SECOND + value.nanosec
-            elif name.endswith(("_names", "_units")):
-                value = tuple(value)
-            values[name] = value
-        return cls(**values)
-
-    @property
-    def under_way(self) -> bool:
-        return self.phase in (self.ARMING, self.RUNNING)
-
-    @property
-    def ended(self) -> bool:
-        return self.phase in (self.FINISHED, self.ABORTED)
-
-    @property
-    def last_tick(self) -> int:
-        """Stamp of the last tick published; before the epoch if none was."""
-        return self.epoch + (self.ticks_published - 1) * self.sample_time
-
-    def strings(self) -> dict[str, str]:
-        """The trial as a map of strings, for metadata."""
-        result = {}
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            result[name] = ",".join(value) if isinstance(value, tuple) else str(value)
-        result["phase"] = ("idle", "arming", "running", "finished", "aborted")[self.phase]
-        result["pacing"] = ("realtime", "lockstep")[self.pacing]
-        return result
 
 
 class Stream:
@@ -137,13 +64,10 @@ class Recording:
         on_progress: Callable[[], None] | None = None,
     ) -> None:
         self.writer = writer
-        self.trial: Trial | None = None
+        self.account = Account(per_tick)
         #: [ns] newest stamp up to which every per-tick topic is here; -1 before that. Never goes back within a trial.
         self.progress = -1
-        self._ticks = {group: Continuity() for group in per_tick}
-        self._of_topic = {topic: ticks for group, ticks in self._ticks.items() for topic in group.split("|")}
-        self._all = list(self._ticks.values())
-        self._gating = [ticks for group, ticks in self._ticks.items() if "|" not in group]
+        self._gating = self.account.gating
         self._lockstep = lockstep
         self._progress_ticks = progress_ticks
         self._on_progress = on_progress
@@ -164,7 +88,7 @@ class Recording:
         channel = self.writer.add_topic(name, type_name, qos, type_hash)
         if name not in self._streams:
             stamped = definitions.begins_with_stamp(type_name)
-            ticks = self._of_topic.get(name) if stamped else None
+            ticks = self.account.ticks_of(name) if stamped else None
             self._streams[name] = Stream(name, type_name, channel, stamped, ticks)
         return self._streams[name]
 
@@ -228,91 +152,36 @@ class Recording:
 
     # -- the trial ---------------------------------------------------------------------------------------------------
 
+    @property
+    def trial(self) -> Trial | None:
+        """Its newest state."""
+        return self.account.trial
+
     def follow(self, trial: Trial) -> None:
         """Take note of the trial's state. A new ``uid`` begins a new account of ticks."""
-        if self.trial is not None and trial.uid != self.trial.uid:
-            for ticks in self._all:
-                ticks.restart()
+        if self.account.follow(trial):
             self.progress = self._newest = -1
-        self.trial = trial
-        if trial.sample_time > 0:
-            for ticks in self._all:
-                ticks.step = trial.sample_time
         if trial.under_way and self._newest < 0:
             self._newest = trial.epoch
-        self.writer.set_custom_data(
-            {
-                key: value
-                for key, value in trial.strings().items()
-                if key not in ("uid", "stamp", "message", "epoch") and not key.endswith(("_names", "_units"))
-            }
-        )
+        self.writer.set_custom_data(trial.custom_data())
 
     def complete(self) -> bool:
         """Whether every per-tick topic has come as far as the trial's last tick."""
-        trial = self.trial
-        return trial is not None and all(ticks.newest >= trial.last_tick for ticks in self._gating)
+        return self.account.complete()
 
     def ticks_received(self) -> int:
         """How many messages of per-tick topics have come so far."""
-        return sum(ticks.received for ticks in self._all)
-
-    # -- the account -------------------------------------------------------------------------------------------------
+        return self.account.received()
 
     def lost(self) -> int:
-        """Ticks missing between the first and the newest of each per-tick topic; of all the trial once it has ended."""
-        return sum(self._lost(ticks) for ticks in self._all)
-
-    def _lost(self, ticks: Continuity) -> int:
-        trial = self.trial
-        missing = ticks.missing()
-        if trial is None or trial.sample_time <= 0 or (not trial.ended and ticks.first < 0):
-            return missing
-        if ticks.first < 0:
-            return max(0, trial.ticks_published - (trial.phase == trial.ABORTED))
-        missing += max(0, round((ticks.first - trial.epoch) / trial.sample_time))
-        if trial.ended:
-            # A trial that was aborted owes no answers to its last tick.
-            last = trial.last_tick - (trial.sample_time if trial.phase == trial.ABORTED else 0)
-            missing += max(0, round((last - ticks.newest) / trial.sample_time))
-        return missing
+        """As :meth:`rig_bag.account.Account.lost`."""
+        return self.account.lost()
 
     def completeness(self) -> dict[str, str]:
         """The account as a map of strings: ``complete`` (true, false, not checked), ``lost``, and more by topic."""
-        lost = self.lost()
-        duplicates = sum(ticks.duplicates for ticks in self._all)
-        trial = self.trial
-        expected = trial.ticks_published if trial is not None and trial.ended else None
-        if not self._all:
-            verdict = "not checked"
-        elif lost == 0 == duplicates and (trial.ended if trial is not None else self.progress >= 0):
-            verdict = "true"
-        else:
-            verdict = "false"
-        result = {
-            "complete": verdict,
-            "lost": str(lost),
-            "messages": str(self.writer.messages),
-            "bytes": str(self.writer.bytes),
-        }
-        for group, ticks in self._ticks.items():
-            gaps = ticks.open_gaps()
-            result[f"ticks {group}"] = json.dumps(
-                {
-                    "expected": expected,
-                    "received": ticks.received,
-                    "missing": self._lost(ticks),
-                    "duplicates": ticks.duplicates,
-                    "late": ticks.late(),
-                    "first_stamp": ticks.first,
-                    "last_stamp": ticks.newest,
-                    "gaps": [list(gap) for gap in gaps[:_GAPS_LISTED]],
-                    "gaps_not_listed": max(0, len(gaps) - _GAPS_LISTED) + ticks.overflow,
-                }
-            )
-        for name, stream in self._streams.items():
-            result[f"count {name}"] = str(stream.channel.count)
-        return result
+        result = self.account.strings()
+        result |= {"messages": str(self.writer.messages), "bytes": str(self.writer.bytes)}
+        return result | {f"count {name}": str(stream.channel.count) for name, stream in self._streams.items()}
 
     def close(self, reason: str = "") -> None:
         """Write what was held back, the account and the trial into the bag, and close it. Idempotent.

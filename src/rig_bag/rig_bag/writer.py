@@ -107,7 +107,14 @@ class BagWriter:
     def topics(self) -> tuple[str, ...]:
         return tuple(self._topics)
 
-    def add_topic(self, name: str, type_name: str, qos: Iterable[Qos] = (), type_hash: str | None = None) -> Channel:
+    def add_topic(
+        self,
+        name: str,
+        type_name: str,
+        qos: Iterable[Qos] = (),
+        type_hash: str | None = None,
+        definition: str | None = None,
+    ) -> Channel:
         """Declare a topic; declaring it again with the same type returns the same channel.
 
         Parameters
@@ -116,6 +123,7 @@ class BagWriter:
         type_name: such as ``std_msgs/msg/String``.
         qos: what its publishers offer.
         type_hash: from the publisher; by default that of the installed type.
+        definition: full text of the type; by default that of the installed one.
 
         Raises
         ------
@@ -128,7 +136,7 @@ class BagWriter:
             return known[3]
         self._check_open()
         if type_name not in self._schemas:
-            text = definitions.full_definition(type_name)
+            text = definitions.full_definition(type_name) if definition is None else definition
             self._schemas[type_name] = self._mcap.add_schema(type_name, "ros2msg", text.encode("utf-8"))
         if type_hash is None:
             type_hash = definitions.type_hash(type_name)

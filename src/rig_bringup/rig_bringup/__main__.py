@@ -19,9 +19,24 @@ def main() -> int:
     if command == "bag":
         from rig_bag.cli import main as bag
 
-        return bag(rest)
-    print(f"error: there is no command {command!r}; use up, test, bag", file=sys.stderr)
+        return bag(rest, "./rig bag", about=trial_of)
+    if command == "rederive":
+        from rig_study.rederive_cli import main as rederive
+
+        return rederive(rest)
+    print(f"error: there is no command {command!r}; use up, test, bag, rederive", file=sys.stderr)
     return 2
+
+
+def trial_of(bag: str) -> str:
+    """Verdicts, deadlines, latencies of a recorded trial; nothing of a bag that is none."""
+    from rig_study.recorded import TrialError
+    from rig_study.trial_report import summarize
+
+    try:
+        return summarize(bag)
+    except TrialError:
+        return ""
 
 
 if __name__ == "__main__":

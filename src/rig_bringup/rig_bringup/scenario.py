@@ -16,7 +16,7 @@ from shared_control import scenario as science
 from shared_control.parameters import ParameterError, build
 from shared_control.scenario import LoopConfig, Scenario, ScenarioError
 
-__all__ = ["Checked", "ScenarioError", "load", "parameter_file"]
+__all__ = ["Checked", "ScenarioError", "checked", "load", "parameter_file"]
 
 _RECORDER = "/**/recorder"
 
@@ -63,12 +63,26 @@ def load(name: str, overrides: Mapping[str, Any]) -> Checked:
     path = science.find(name)
     scenario = science.load(path)
     try:
+        recorder = _recorder_section(path)
+    except ParameterError as error:
+        raise ScenarioError(str(error)) from None
+    return checked(scenario, recorder, overrides)
+
+
+def checked(scenario: Scenario, recorder: dict[str, Any], overrides: Mapping[str, Any]) -> Checked:
+    """Put shared values from the command line on top of a scenario, and check that all fits together.
+
+    Raises
+    ------
+    ScenarioError: it does not.
+    """
+    try:
         loop = build(LoopConfig, {**asdict(scenario.loop), **overrides}, "command line")
         scenario = replace(scenario, loop=loop)
         science.check(scenario)
-        return Checked(scenario, _recorder_section(path))
     except ParameterError as error:
         raise ScenarioError(str(error)) from None
+    return Checked(scenario, recorder)
 
 
 def _use_shipped_scenarios() -> None:

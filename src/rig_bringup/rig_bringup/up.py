@@ -9,11 +9,14 @@ import time
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.scenario import Checked, ScenarioError
+
+if TYPE_CHECKING:
+    from rig_bringup.replay import Replay
 
 DEFAULT_SCENARIO = "cart_pendulum_noise_assistance"
 
@@ -30,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
         "record to a bag, report. Ctrl-C at any moment leaves a closed, readable bag and no process behind.",
     )
     result.add_argument(
-        "scenario", nargs="?", default=DEFAULT_SCENARIO, help="name under config/, or a path (%(default)s)"
+        "scenario", nargs="?", help=f"name under config/, or a path ({DEFAULT_SCENARIO}, or that of --user-from)"
     )
     result.add_argument(
         "--pacing", choices=("realtime", "lockstep"), help="wall time, or as fast as the machine allows"
@@ -38,6 +41,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--compose", action="store_true", help="all nodes in one process, on one executor")
     result.add_argument("--duration", type=float, metavar="S", help="length of the trial [s]")
     result.add_argument("--seed", type=int, metavar="N", help="seed of every random stream")
+    result.add_argument(
+        "--user-from", type=Path, metavar="BAG", help="let the recorded user push, tick by tick, in lockstep"
+    )
     result.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: a new one under runs/)")
     result.add_argument("--namespace", default="rig", help="stands in front of every topic (%(default)s)")
     result.add_argument("--no-report", action="store_true", help="leave the HTML report out")
@@ -48,8 +54,10 @@ def main(argv: Sequence[str]) -> int:
     """Run a trial; 0 if it ran to its end, 130 if it was interrupted, 2 for bad input, 1 for anything else."""
     arguments = parser().parse_args(argv)
     try:
-        checked = _load(arguments)
+        checked, replay = _load(arguments)
         out = _make_folder(arguments.out, checked.scenario.name)
+        if replay is not None:
+            checked = replay.place(out)
     except ScenarioError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -61,10 +69,16 @@ def main(argv: Sequence[str]) -> int:
     return _finish(bag, out, code, report=not arguments.no_report)
 
 
-def _load(arguments: argparse.Namespace) -> Checked:
+def _load(arguments: argparse.Namespace) -> tuple[Checked, Replay | None]:
     given = {"pacing": arguments.pacing, "duration": arguments.duration, "seed": arguments.seed}
     overrides = {key: value for key, value in given.items() if value is not None}
-    return scenario.load(arguments.scenario, overrides)
+    if arguments.user_from is None:
+        return scenario.load(arguments.scenario or DEFAULT_SCENARIO, overrides), None
+    # Imported here: it reads bags, which a run without one need not wait for.
+    from rig_bringup.replay import Replay
+
+    replay = Replay.of(arguments.user_from, arguments.scenario, overrides)
+    return replay.checked, replay
 
 
 def _make_folder(given: Path | None, name: str) -> Path:
@@ -87,12 +101,17 @@ def _write_parameters(out: Path, bag: Path, checked: Checked) -> list[Path]:
             "required_nodes": ["user_sim", "mig_filter", "admittance_sim", "recorder"],
             "ready_timeout": _READY_LIMIT,
         },
-        "/**/recorder": {"uri": str(bag), "attachments": [str(out / "scenario.yaml")]},
+        "/**/recorder": {"uri": str(bag), "attachments": [str(out / "scenario.yaml"), *_recordings(checked)]},
     }
     texts = {"scenario.yaml": checked.text(), "run.yaml": scenario.parameter_file(run)}
     for name, text in texts.items():
         (out / name).write_text(text)
     return [out / name for name in texts]
+
+
+def _recordings(checked: Checked) -> list[str]:
+    """Files without which the scenario says too little."""
+    return [checked.scenario.user.recording] if checked.scenario.user.recording else []
 
 
 def _command(compose: bool, files: list[Path], namespace: str) -> list[str]:

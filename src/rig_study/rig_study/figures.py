@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,6 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rig_study.recorded import VERDICTS, RecordedTrial
+
+if TYPE_CHECKING:
+    from rig_study.rederive import Rederived
 
 _VERDICT_COLOURS = ("#009E73", "#D55E00", "#0072B2")
 _SUCCESS = "#B8E2C8"
@@ -162,4 +165,38 @@ def timing(trial: RecordedTrial) -> str:
         ax.set_yscale("log")
         _label(ax, name, "us")
     axes[-1].set_xlabel("trial time [s]")
+    return _svg(figure)
+
+
+def counterfactual(derived: Rederived, title: str) -> str:
+    """Criterion, verdicts and applied control of each decision, as recorded and as another filter would have it."""
+    recorded, other = derived.inputs.decisions, derived.decisions
+    sample = derived.inputs.scenario.loop.sample_time
+    time = recorded["tick"] * sample
+    figure, axes = _axes(3 + other["applied_control"].shape[1], 1.7)
+    figure.suptitle(
+        f"{title}\nA counterfactual on the recorded states and wrenches: the trajectory would have been another one",
+        fontsize="medium",
+    )
+    for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", _LINES[1])):
+        axes[0].plot(time, values["criterion"], ".", ms=2, color=colour, label=name)
+    finite = np.abs(recorded["criterion"][np.isfinite(recorded["criterion"])])
+    axes[0].set_yscale("symlog", linthresh=float(np.median(finite)) if finite.size and np.median(finite) > 0 else 1.0)
+    axes[0].axhline(0.0, color=_LINES[0], lw=0.8)
+    _label(axes[0], "criterion", "unit of the cost")
+    for ax, values, name in ((axes[1], recorded, "recorded"), (axes[2], other, "this filter")):
+        _shade(ax, time, values["verdict"], sample)
+        ax.set_yticks([])
+        ax.set_ylabel(name)
+    names, units = derived.inputs.trial.control_names, derived.inputs.trial.control_units
+    for index, ax in enumerate(axes[3:]):
+        for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", _LINES[1])):
+            ax.step(time, values["applied_control"][:, index], where="post", color=colour, lw=0.8, label=name)
+        _label(ax, f"applied {names[index]}", units[index])
+    axes[-1].set_xlabel("trial time [s]")
+    lines, labels = axes[0].get_legend_handles_labels()
+    patches: list[Any] = [
+        Patch(color=colour, alpha=0.35, label=name) for name, colour in zip(VERDICTS, _VERDICT_COLOURS, strict=True)
+    ]
+    figure.legend(handles=[*lines, *patches], labels=[*labels, *VERDICTS], loc="outside lower center", ncols=5)
     return _svg(figure)

@@ -79,11 +79,11 @@ def load(bag: str | Path) -> RecordedTrial:
     BagError: the bag cannot be read.
     """
     topics = rig_bag.read(bag)
-    state, decision = _only(topics, "task/state", bag), _only(topics, "mig_filter/decision", bag)
-    trial = _only(topics, "trial/state", bag)
+    state, decision = only(topics, "task/state", bag), only(topics, "mig_filter/decision", bag)
+    trial = only(topics, "trial/state", bag)
     if not len(trial):
         raise TrialError(f"{bag} holds no state of the trial: it ended before it began")
-    last = _row(trial, -1)
+    last = row(trial, -1)
     if not len(state) or not len(decision):
         raise TrialError(f"{bag} holds no tick; the trial was {PHASES[last.phase]}: {last.message}")
     ticks, left, right = np.intersect1d(state["tick"], decision["tick"], return_indices=True)
@@ -109,7 +109,8 @@ def load(bag: str | Path) -> RecordedTrial:
     )
 
 
-def _only(topics: dict[str, Any], name: str, bag: str | Path) -> Any:
+def only(topics: dict[str, Any], name: str, bag: str | Path) -> Any:
+    """The one topic of this name, whatever its namespace; TrialError if there is none, or another."""
     found = [topic for topic in topics if topic.endswith(f"/{name}")]
     if len(found) != 1:
         there = ", ".join(topics) or "none"
@@ -117,7 +118,7 @@ def _only(topics: dict[str, Any], name: str, bag: str | Path) -> Any:
     return topics[found[0]]
 
 
-def _row(table: Any, index: int) -> Any:
+def row(table: Any, index: int) -> Any:
     """One message, whether the reader found a common layout or not."""
     if isinstance(table, list):
         return table[index]
