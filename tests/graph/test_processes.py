@@ -79,7 +79,7 @@ def test_independent_readers_read_the_bag(runs: dict[str, Any]) -> None:
 
 def test_interrupted_it_leaves_a_closed_bag_and_no_process(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "rig_bringup", "up", "--duration", "60", "--out", str(out), "--no-report"]
+    command = [sys.executable, "-m", "rig_bringup", "up", "--duration", "3600", "--out", str(out), "--no-report"]
     process = subprocess.Popen(
         command, env=environment(), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True
     )
@@ -87,7 +87,7 @@ def test_interrupted_it_leaves_a_closed_bag_and_no_process(tmp_path: Path) -> No
     seen = []
     for line in process.stderr:
         seen.append(line)
-        if " of 60.00 s" in line and not line.startswith("  0.00"):
+        if " of 3600.00 s" in line and not line.startswith("  0.00"):
             break
     else:
         pytest.fail("it never ran: " + "".join(seen))

@@ -27,7 +27,7 @@ from rig_bag.repair import repair
 from rig_bag.verify import verify
 
 #: How many places a bag is cut at, and how many recorders are killed; RIG_CUTS=500 RIG_KILLS=50 make more of them.
-CUTS = int(os.environ.get("RIG_CUTS", "40"))
+CUTS = int(os.environ.get("RIG_CUTS", "16"))
 KILLS = int(os.environ.get("RIG_KILLS", "4"))
 MUTATIONS = int(os.environ.get("RIG_FUZZ", "10000")) // 10
 
