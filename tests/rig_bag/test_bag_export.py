@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as parquet
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
@@ -65,7 +66,6 @@ def test_messages_of_changing_length_have_empty_cells(tmp_path: Path) -> None:
 
 
 def test_parquet_holds_the_columns(trial_bag: Callable[..., Path], tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
     bag = trial_bag()
     (path,) = export(bag, tmp_path, "parquet", ["/rig/task/state"])
     table = parquet.read_table(path)

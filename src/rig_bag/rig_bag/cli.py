@@ -80,7 +80,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     save = verbs.add_parser("export", help="Write the topics as tables, a file for each")
     save.add_argument("bag_path", help="Bag to export")
     save.add_argument("--to", required=True, metavar="DIR", help="Folder of the files")
-    save.add_argument("--format", default="csv", help="csv, npz or parquet (which needs pyarrow)")
+    save.add_argument("--format", default="csv", help="csv, npz or parquet")
     save.add_argument("--topics", nargs="+", metavar="TOPIC", help="Topics to export; by default all")
 
     play = verbs.add_parser("play", help="Play a bag")
