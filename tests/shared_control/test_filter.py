@@ -9,8 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shared_control import tasks
+from shared_control import controllers, tasks
+from shared_control.cost import quadratic
 from shared_control.filter import FilterConfig, MigFilter, Mode, Reason, Verdict
+from shared_control.integrate import Stepper
+from shared_control.mig import mig_integral
 from shared_control.parameters import ParameterError
 
 TASK = tasks.get("cart_pendulum")
@@ -81,6 +84,22 @@ def test_contraction_asks_for_a_share_of_the_cost(oracle):
     assert filter_.decide(X, GOOD).verdict == Verdict.REPLACED
     filter_.configure(contraction=0.0)
     assert filter_.decide(X, GOOD).verdict == Verdict.ACCEPTED
+
+
+def test_continuation_forgives_what_the_controller_can_mend():
+    """With the controller after it even a push the wrong way is part of a descent; one that is too hard is not."""
+    filter_ = make(continuation="controller")
+    decision = filter_.decide(X, BAD)
+    assert (decision.verdict, decision.reason) == (Verdict.ACCEPTED, Reason.CRITERION)
+    assert filter_.decide(X, 1e4 * BAD).verdict == Verdict.REPLACED
+
+    cost = quadratic(TASK)
+    after = X.copy()
+    Stepper(TASK, 0.01).advance(after, BAD)
+    controller = controllers.make("ilqr", TASK, cost, horizon=0.5)
+    controller.solve(after)
+    expected = mig_integral(TASK, cost, X, BAD, horizon=0.5, dt=0.01, then=controller.schedule)
+    assert decision.criterion == expected < 0.0 < make().decide(X, BAD).criterion
 
 
 SLIP = tasks.get("slip")

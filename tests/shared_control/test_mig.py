@@ -60,6 +60,24 @@ def test_against_complex_steps(oracle, states, along):
     np.testing.assert_allclose(found, j.imag / 1e-30, rtol=1e-12, atol=1e-12 * np.abs(j.real).max())
 
 
+@pytest.mark.parametrize("along", ALONG)
+@pytest.mark.parametrize("samples_after", [1, 30, STEPS - 1, STEPS + 20])
+def test_with_what_follows_against_complex_steps(oracle, states, along, samples_after):
+    """u_2 goes on after the user's sample, for a part of the horizon, all of it, or longer than it."""
+    x, random = states(40, 13), np.random.default_rng(14)
+    schedules = random.normal(0.0, 10.0, (1 + samples_after, 40))
+    centre = 0.0 if along == "nominal" else 1.0
+    applied = np.zeros((STEPS, 40))
+    applied[: 1 + samples_after] = schedules[:STEPS]
+    j = oracle.cost(x.astype(complex), list((centre + 1e-30j) * applied), DT, effort=False)
+    criterion = criteria(along)
+    found = [criterion(x[:, i], schedules[0, i : i + 1], then=schedules[1:, i : i + 1]) for i in range(40)]
+    np.testing.assert_allclose(found, j.imag / 1e-30, rtol=1e-12, atol=1e-12 * np.abs(j.real).max())
+    alone = criterion(x[:, 0], schedules[0, :1])
+    assert alone != found[0]
+    assert criterion(x[:, 0], schedules[0, :1], then=np.zeros((STEPS, 1))) == pytest.approx(alone, rel=1e-12)
+
+
 def test_with_terminal_cost_and_target(oracle, states):
     oracle.p = (50.0, 2.0, 3.0, 4.0)
     cost = quadratic(TASK, terminal_weights=oracle.p, target=(2.0 * math.pi, 0.0, 0.0, 0.0))

@@ -6,13 +6,10 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
 
-from mig_interfaces.msg import EndEffectorState, TrialState
+from mig_interfaces.msg import TrialState
 from rig_runtime import topics
-from rig_runtime.messages import set_vector
 from rig_runtime.node import RigNode
-from rig_runtime.ticks import from_stamp
 from shared_control.loop import make_robot
 from shared_control.scenario import AdmittanceConfig, LoopConfig, Scenario
 
@@ -30,11 +27,10 @@ class AdmittanceSimNode(RigNode):
         self._dropped = 0
         self._gaps = 0
         self._zero = np.zeros(3)
-        self._force = np.zeros(3)
-        self._state = EndEffectorState()
-        self._state.header.frame_id = topics.BASE_FRAME
+        self._command = topics.COMMAND.wire()
+        self._state = topics.END_EFFECTOR.wire()
         self._publisher = self.loop_publisher(topics.END_EFFECTOR)
-        self.loop_subscription(topics.COMMAND, self._on_command)
+        self.loop_subscription(topics.COMMAND, self._on_command, raw=True)
 
     def prepare(self) -> None:
         self._agent.warm_up()
@@ -48,8 +44,10 @@ class AdmittanceSimNode(RigNode):
         values = {"ticks": self.ticks_done, "dropped": self._dropped, "ticks without command": self._gaps}
         return level, "moving", values
 
-    def _on_command(self, command: WrenchStamped) -> None:
-        tick = self.tick_of(from_stamp(command.header.stamp))
+    def _on_command(self, data: bytes) -> None:
+        command, state = self._command, self._state
+        command.load(data)
+        tick = self.tick_of(command.stamp)
         if tick is None or tick < self.ticks_done:
             self._dropped += 1
             return
@@ -58,16 +56,13 @@ class AdmittanceSimNode(RigNode):
             self._agent.step(self._zero)
             self.ticks_done += 1
             self._gaps += 1
-        admitted = command.wrench.force
-        self._force[:] = (admitted.x, admitted.y, admitted.z)
-        motion = self._agent.step(self._force)
-        state = self._state
-        state.header.stamp = command.header.stamp
-        state.tick = tick
-        state.force = admitted
-        set_vector(state.position, motion.position)
-        set_vector(state.velocity, motion.velocity)
-        set_vector(state.acceleration, motion.acceleration)
-        set_vector(state.reference_velocity, motion.reference_velocity)
-        self._publisher.publish(state)
+        motion = self._agent.step(command["wrench.force"])
+        state.stamp = command.stamp
+        state["tick"] = tick
+        state["force"] = command["wrench.force"]
+        state["position"] = motion.position
+        state["velocity"] = motion.velocity
+        state["acceleration"] = motion.acceleration
+        state["reference_velocity"] = motion.reference_velocity
+        self._publisher.publish(state.data)
         self.ticks_done += 1

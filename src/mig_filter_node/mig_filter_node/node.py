@@ -5,16 +5,13 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
-from std_msgs.msg import Header
 
-from mig_interfaces.msg import FilterDecision, TaskState, TrialState
+from mig_interfaces.msg import TrialState
 from rig_runtime import topics
-from rig_runtime.messages import set_vector
 from rig_runtime.node import RigNode
-from rig_runtime.ticks import Matched, TickMatcher, from_stamp, to_nanoseconds
+from rig_runtime.ticks import Matched, TickMatcher, to_nanoseconds
+from rig_runtime.wire import stamp_of
 from shared_control.filter import Reason, Verdict
 from shared_control.loop import FilterOutcome, make_filter
 from shared_control.parameters import declarations
@@ -40,13 +37,15 @@ class MigFilterNode(RigNode):
         self._timeout = to_nanoseconds(loop.command_timeout)
         self._agent = make_filter(Scenario(loop=loop, filter=self.parameters.get(FilterConfig)))
         self.parameters.on_change(self._reconfigure)
-        self._matcher: TickMatcher[TaskState, WrenchStamped] = TickMatcher()
+        self._matcher: TickMatcher[bytes, bytes] = TickMatcher()
         self._verdicts = dict.fromkeys(Verdict, 0)
         self._reasons = dict.fromkeys(Reason, 0)
         self._slowest = 0.0
-        self._force = np.zeros(3)
-        self._decision = FilterDecision()
-        self._wrench = WrenchStamped()
+        n, m = self._agent.task.n, self._agent.task.m
+        self._state = topics.TASK_STATE.wire(state=n, control=m)
+        self._wrench = topics.WRENCH.wire()
+        self._command = topics.COMMAND.wire()
+        self._decision = topics.DECISION.wire(user_control=m, nominal_control=m, applied_control=m)
         self._by_verdict = {
             Verdict.ACCEPTED: self.loop_publisher(topics.ACCEPTED),
             Verdict.REJECTED: self.loop_publisher(topics.REJECTED),
@@ -54,8 +53,8 @@ class MigFilterNode(RigNode):
         }
         self._command_publisher = self.loop_publisher(topics.COMMAND)
         self._decision_publisher = self.loop_publisher(topics.DECISION)
-        self.loop_subscription(topics.TASK_STATE, self._on_state)
-        self.loop_subscription(topics.WRENCH, self._on_wrench)
+        self.loop_subscription(topics.TASK_STATE, self._on_state, raw=True)
+        self.loop_subscription(topics.WRENCH, self._on_wrench, raw=True)
         if self._realtime:
             self.create_timer(loop.command_timeout / 5, self._watchdog, clock=self.steady)
 
@@ -84,69 +83,65 @@ class MigFilterNode(RigNode):
         config = self.parameters.get(FilterConfig)
         self._agent.configure(**{d.name: getattr(config, d.name) for d in declarations(FilterConfig) if d.live})
 
-    def _on_state(self, state: TaskState) -> None:
-        now = time.monotonic_ns()
-        for tick in self._matcher.put_left(from_stamp(state.header.stamp), state, now):
+    def _on_state(self, data: bytes) -> None:
+        for tick in self._matcher.put_left(stamp_of(data), data, time.monotonic_ns()):
             self._decide(tick)
 
-    def _on_wrench(self, wrench: WrenchStamped) -> None:
-        now = time.monotonic_ns()
-        for tick in self._matcher.put_right(from_stamp(wrench.header.stamp), wrench, now):
+    def _on_wrench(self, data: bytes) -> None:
+        for tick in self._matcher.put_right(stamp_of(data), data, time.monotonic_ns()):
             self._decide(tick)
 
     def _watchdog(self) -> None:
         for tick in self._matcher.expire(time.monotonic_ns() - self._timeout):
             self._decide(tick)
 
-    def _decide(self, tick: Matched[TaskState, WrenchStamped]) -> None:
+    def _decide(self, tick: Matched[bytes, bytes]) -> None:
         begin = time.monotonic_ns()
-        wrench = tick.right
-        if wrench is None:
-            self._force[:] = 0.0
-            outcome = self._agent.fallback(Reason.STALE_WRENCH, self._force)
+        state, wrench = self._state, self._wrench
+        state.load(tick.left)
+        force = wrench["wrench.force"]
+        if tick.right is None:
+            force[:] = 0.0
+            outcome = self._agent.fallback(Reason.STALE_WRENCH, force)
+        elif not wrench.load(tick.right):
+            outcome = self._agent.fallback(Reason.UNKNOWN_FRAME, force)
         else:
-            force = wrench.wrench.force
-            self._force[:] = (force.x, force.y, force.z)
-            if wrench.header.frame_id != topics.SENSOR_FRAME:
-                outcome = self._agent.fallback(Reason.UNKNOWN_FRAME, self._force)
-            else:
-                outcome = self._agent.decide(np.asarray(tick.left.state), self._force, tick.left.mode)
-        self._publish_command(outcome, tick.left.header)
+            outcome = self._agent.decide(state["state"], force, state["mode"])
+        self._publish_command(outcome, tick.stamp)
         self._publish_decision(outcome, tick, begin)
         self._verdicts[outcome.decision.verdict] += 1
         self._reasons[outcome.decision.reason] += 1
         self.ticks_done += 1
 
-    def _publish_command(self, outcome: FilterOutcome, header: Header) -> None:
+    def _publish_command(self, outcome: FilterOutcome, stamp: int) -> None:
         # The command goes first: it is what the loop waits for.
-        wrench = self._wrench
-        wrench.header.stamp = header.stamp
-        wrench.header.frame_id = topics.SENSOR_FRAME
-        set_vector(wrench.wrench.force, outcome.admitted_force)
-        self._command_publisher.publish(wrench)
-        set_vector(wrench.wrench.force, self._force)
-        self._by_verdict[outcome.decision.verdict].publish(wrench)
+        command = self._command
+        command.stamp = stamp
+        command["wrench.force"] = outcome.admitted_force
+        self._command_publisher.publish(command.data)
+        command["wrench.force"] = self._wrench["wrench.force"]
+        self._by_verdict[outcome.decision.verdict].publish(command.data)
 
-    def _publish_decision(self, outcome: FilterOutcome, tick: Matched[TaskState, WrenchStamped], begin: int) -> None:
+    def _publish_decision(self, outcome: FilterOutcome, tick: Matched[bytes, bytes], begin: int) -> None:
         decision, message = outcome.decision, self._decision
-        message.header.stamp = tick.left.header.stamp
-        message.header.frame_id = topics.SENSOR_FRAME
-        message.tick = tick.left.tick
-        message.mode = decision.mode
-        message.verdict = decision.verdict
-        message.reason = decision.reason
-        message.criterion = decision.criterion
-        message.threshold = decision.threshold
-        message.user_control = decision.user_control.tolist()
-        message.nominal_control = decision.nominal_control.tolist()
-        message.applied_control = decision.applied_control.tolist()
-        set_vector(message.user_force, self._force)
-        set_vector(message.admitted_force, outcome.admitted_force)
-        set_vector(message.added_force, outcome.added_force)
+        message.stamp = tick.stamp
+        message["tick"] = self._state["tick"]
+        message["mode"] = decision.mode
+        message["verdict"] = decision.verdict
+        message["reason"] = decision.reason
+        message["criterion"] = decision.criterion
+        message["threshold"] = decision.threshold
+        message["user_control"] = decision.user_control
+        message["nominal_control"] = decision.nominal_control
+        message["applied_control"] = decision.applied_control
+        message["user_force"] = self._wrench["wrench.force"]
+        message["admitted_force"] = outcome.admitted_force
+        message["added_force"] = outcome.added_force
         if self._realtime:
             # Wall time differs from run to run, so it stays out of the messages of a lockstep run.
-            message.state_age = 1e-9 * (begin - tick.left_received)
-            message.wrench_age = 1e-9 * (begin - tick.right_received)
-            message.compute_time = 1e-9 * (time.monotonic_ns() - begin)
-            self._slowest = max(self._slowest, message.compute_time)
-        self._decision_publisher.publish(message)
+            compute_time = 1e-9 * (time.monotonic_ns() - begin)
+            message["state_age"] = 1e-9 * (begin - tick.left_received)
+            message["wrench_age"] = 1e-9 * (begin - tick.right_received)
+            message["compute_time"] = compute_time
+            self._slowest = max(self._slowest, compute_time)
+        self._decision_publisher.publish(message.data)

@@ -12,6 +12,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from mig_interfaces.msg import EndEffectorState, FilterDecision, NodeReport, RecorderState, TaskState, TrialState
+from rig_runtime.wire import WireMessage
 
 #: Samples that a writer keeps for a slow reader. In lockstep the pacemaker stays within half of it (RECORDER_WINDOW).
 DEPTH = 200
@@ -43,26 +44,37 @@ REPORT_QOS = QoSProfile(
 )
 
 
+#: Frames of the messages' headers.
+TASK_FRAME = "task"
+SENSOR_FRAME = "force_sensor"
+BASE_FRAME = "robot_base"
+
+
 @dataclass(frozen=True, eq=False)
 class Topic:
     """A topic of the loop."""
 
     name: str
     type: Any
+    frame: str = ""
     qos: QoSProfile = field(default_factory=lambda: DATA_QOS)
 
+    def wire(self, **lengths: int) -> WireMessage:
+        """A message of this topic to read and write in place; ``lengths`` of its sequences."""
+        return WireMessage(self.type, self.frame, **lengths)
 
-TASK_STATE = Topic("task/state", TaskState)
-WRENCH = Topic("force_sensor/wrench", WrenchStamped)
-COMMAND = Topic("mig_filter/command", WrenchStamped)
-ACCEPTED = Topic("mig_filter/accepted", WrenchStamped)
-REJECTED = Topic("mig_filter/rejected", WrenchStamped)
-REPLACED = Topic("mig_filter/replaced", WrenchStamped)
-DECISION = Topic("mig_filter/decision", FilterDecision)
-END_EFFECTOR = Topic("admittance/end_effector", EndEffectorState)
-TRIAL_STATE = Topic("trial/state", TrialState, LATCHED_QOS)
-NODE_REPORT = Topic("trial/reports", NodeReport, REPORT_QOS)
-RECORDER_STATE = Topic("recorder/state", RecorderState, LATCHED_QOS)
+
+TASK_STATE = Topic("task/state", TaskState, TASK_FRAME)
+WRENCH = Topic("force_sensor/wrench", WrenchStamped, SENSOR_FRAME)
+COMMAND = Topic("mig_filter/command", WrenchStamped, SENSOR_FRAME)
+ACCEPTED = Topic("mig_filter/accepted", WrenchStamped, SENSOR_FRAME)
+REJECTED = Topic("mig_filter/rejected", WrenchStamped, SENSOR_FRAME)
+REPLACED = Topic("mig_filter/replaced", WrenchStamped, SENSOR_FRAME)
+DECISION = Topic("mig_filter/decision", FilterDecision, SENSOR_FRAME)
+END_EFFECTOR = Topic("admittance/end_effector", EndEffectorState, BASE_FRAME)
+TRIAL_STATE = Topic("trial/state", TrialState, qos=LATCHED_QOS)
+NODE_REPORT = Topic("trial/reports", NodeReport, qos=REPORT_QOS)
+RECORDER_STATE = Topic("recorder/state", RecorderState, qos=LATCHED_QOS)
 
 #: One message for each tick of a trial.
 PER_TICK = (TASK_STATE, WRENCH, COMMAND, DECISION, END_EFFECTOR)
@@ -73,8 +85,3 @@ BY_VERDICT = (ACCEPTED, REJECTED, REPLACED)
 START_SERVICE = "trial/start"
 ABORT_SERVICE = "trial/abort"
 RESET_SERVICE = "trial/reset"
-
-#: Frames of the messages' headers.
-TASK_FRAME = "task"
-SENSOR_FRAME = "force_sensor"
-BASE_FRAME = "robot_base"

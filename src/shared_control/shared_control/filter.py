@@ -5,9 +5,13 @@ A user's control u of the coming sample is judged by its criterion (:mod:`shared
     accept  iff  criterion <= threshold - c J          (the paper: threshold = 0, c = 0)
 
 with J the cost of doing nothing over the horizon: c > 0 is the contractive constraint, which asks of an action that it
-lower the cost by a share of what there is, and refuses one that changes nothing. Several inputs are judged jointly, by
-one criterion, or separately, each by that of its own action with the others at rest; then only what is refused is taken
-from the user. The decision shows the largest criterion, and its verdict is ACCEPTED if nothing was refused.
+lower the cost by a share of what there is, and refuses one that changes nothing. With ``continuation="controller"``
+the criterion asks whether the user's action helps if the controller takes over after it (u_2 goes on with the schedule
+that the controller finds where the action leads), so that it refuses only what the controller could not mend.
+
+Several inputs are judged jointly, by one criterion, or separately, each by that of its own action with the others at
+rest; then only what is refused is taken from the user. The decision shows the largest criterion, and its verdict is
+ACCEPTED if nothing was refused.
 
 Two baselines judge by other values in the criterion's place, for comparison: ``judge="random"`` by rate - U with U
 uniform on [0, 1) for each action (is it the criterion that does the work, or the replacement?), ``"agreement"`` by
@@ -121,6 +125,11 @@ class FilterConfig:
         "Trajectory that state and adjoint are taken along: the nominal one (null action) or the user's.",
         choices=("nominal", "user"),
     )
+    continuation: str = parameter(
+        "null",
+        "What u_2 is after the user's sample: nothing, or the controller's schedule from where that sample leads.",
+        choices=("null", "controller"),
+    )
     judge: str = parameter(
         "mig", "What judges an action: the criterion, or a baseline.", choices=("mig", "random", "agreement")
     )
@@ -177,8 +186,8 @@ class MigFilter:
 
     def __init__(self, task: Task, config: FilterConfig | None = None, *, sample_time: float = SAMPLE_TIME) -> None:
         # Imported here, so that a process that only reads a configuration does not load the compiler.
-        from shared_control.controllers.rollout_kernels import rollout
-        from shared_control.mig import Criterion, samples
+        from shared_control.integrate import Stepper
+        from shared_control.mig import CostOfNothing, Criterion
 
         self.task = task
         self.config = FilterConfig() if config is None else config
@@ -186,19 +195,16 @@ class MigFilter:
         self._criterion = Criterion(
             task, judged, horizon=self.config.horizon, dt=sample_time, adjoint_along=self.config.adjoint_along
         )
-        self._controller: Controller = controllers.make(
-            self.config.controller,
-            task,
-            steered,
-            dt=sample_time,
-            horizon=self.config.controller_horizon or self.config.horizon,
-            limits=self.config.control_limits,
-            iterations=self.config.controller_iterations,
-            tolerance=self.config.controller_tolerance,
-        )
+        self._cost_of_nothing = CostOfNothing(task, judged, horizon=self.config.horizon, dt=sample_time)
+        self._controller = self._make_controller(steered, sample_time)
+        #: The one that is asked what it would do after the user's sample; its schedules are not those that are applied.
+        self._successor: Controller | None = None
+        if self.config.continuation == "controller":
+            self._successor = self._make_controller(steered, sample_time)
+        self._stepper = Stepper(task, sample_time)
         self._agreed: Solution | None = None
         judges: dict[str, Callable[[Array, Array, int | None], float]] = {
-            "mig": self._criterion,
+            "mig": self._criterion if self._successor is None else self._continued,
             "random": self._at_random,
             "agreement": self._agreement,
         }
@@ -206,19 +212,22 @@ class MigFilter:
         self._random = stream(0, "filter")
         self._null = np.zeros(task.m)
         self._null.setflags(write=False)
-        steps = samples(self.config.horizon, sample_time)
-        nothing, nodes = np.zeros((steps, task.m)), np.zeros((steps + 1, task.n + 1))
-
-        def cost_of_nothing(x: Array, task_mode: int | None) -> float:
-            mode = task.mode(x) if task_mode is None else task_mode
-            start = tuple(float(value) for value in x)
-            return float(rollout(task.parameters, judged, mode, start, nothing, float(sample_time), nodes))
-
-        self._cost_of_nothing = cost_of_nothing
         self._separately = self.config.channels == "separately" and task.m > 1
         self._mode = Mode.of(self.config.mode)
         self._threshold, self._dead_zone = self.config.threshold, self.config.dead_zone
         self._contraction = self.config.contraction
+
+    def _make_controller(self, steered: QuadraticCost, sample_time: float) -> Controller:
+        return controllers.make(
+            self.config.controller,
+            self.task,
+            steered,
+            dt=sample_time,
+            horizon=self.config.controller_horizon or self.config.horizon,
+            limits=self.config.control_limits,
+            iterations=self.config.controller_iterations,
+            tolerance=self.config.controller_tolerance,
+        )
 
     @property
     def mode(self) -> Mode:
@@ -262,7 +271,7 @@ class MigFilter:
 
         ``task_mode`` of a hybrid task; None: that of the state alone (:meth:`Task.mode`).
         """
-        self._controller.advance()
+        self._advance()
         mode = self._mode
         if not all(map(math.isfinite, x)):
             return self._safe(Reason.NON_FINITE_STATE, u_user)
@@ -292,20 +301,23 @@ class MigFilter:
 
     def fallback(self, reason: Reason | int, u_user: Array) -> Decision:
         """The safe command in place of an action that could not be judged; counts as a tick, as :meth:`decide` does."""
-        self._controller.advance()
+        self._advance()
         return self._safe(Reason(reason), u_user)
 
     def reset(self, seed: int = 0) -> None:
         """As new, for the trial with this seed, except for live parameters: they stay as they were set."""
-        self._controller.reset()
+        for controller in filter(None, (self._controller, self._successor)):
+            controller.reset()
         self._random = stream(seed, "filter")
 
     def warm_up(self) -> None:
         """Compile, or load, every kernel; leaves the filter as :meth:`reset` does."""
         x = self.task.initial_state
         self._criterion(x, np.ones(self.task.m))
-        self._cost_of_nothing(x, None)
+        self._cost_of_nothing(x)
         self._controller.solve(x)
+        if self._successor is not None:
+            self._continued(x, np.ones(self.task.m), None)
         self.reset()
 
     def _one_by_one(self, x: Array, u_user: Array, task_mode: int | None) -> Array:
@@ -316,6 +328,19 @@ class MigFilter:
             alone[j] = u_user[j]
             values[j] = self._judge(x, alone, task_mode)
         return values
+
+    def _advance(self) -> None:
+        self._controller.advance()
+        if self._successor is not None:
+            self._successor.advance()
+
+    def _continued(self, x: Array, u_user: Array, task_mode: int | None) -> float:
+        assert self._successor is not None
+        after = np.array(x, dtype=float)
+        task_mode_after = self._stepper.advance(after, u_user, task_mode)
+        if not self._successor.solve(after, task_mode_after).usable:
+            return math.nan
+        return self._criterion(x, u_user, task_mode, self._successor.schedule)
 
     def _at_random(self, x: Array, u_user: Array, task_mode: int | None) -> float:
         return self.config.rejection_rate - self._random.random()

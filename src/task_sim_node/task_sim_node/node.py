@@ -5,19 +5,18 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Vector3
 from rclpy.duration import Duration
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from mig_interfaces.msg import EndEffectorState, TaskState, TrialState
+from mig_interfaces.msg import TaskState, TrialState
 from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.pacing import Advance, Pacemaker
 from rig_runtime.ticks import LOCKSTEP_EPOCH, NANOSECONDS, TickClock, from_stamp, to_nanoseconds, to_stamp
+from rig_runtime.wire import WireMessage
 from shared_control.loop import Motion, make_plant
 from shared_control.scenario import LoopConfig, Scenario, TaskConfig
 from task_sim_node.parameters import PacemakerConfig
@@ -49,16 +48,16 @@ class TaskSimNode(RigNode):
         self._planned = 0
         self._progress = 0.0
         self._started = self._ended = 0.0
-        self._motion = _Motion()
-        self._force = np.zeros(3)
-        self._message = TaskState()
-        self._message.header.frame_id = topics.TASK_FRAME
+        #: The motion that the task goes on with, and where the next one is received.
+        self._motion, self._heard = topics.END_EFFECTOR.wire(), topics.END_EFFECTOR.wire()
+        task = self._agent.task
+        self._message = topics.TASK_STATE.wire(state=task.n, control=task.m)
         self._timer: Timer | None = None
         self._publisher = self.loop_publisher(topics.TASK_STATE)
         self._trial_publisher = self.create_publisher(
             topics.TRIAL_STATE.type, topics.TRIAL_STATE.name, topics.TRIAL_STATE.qos
         )
-        self.loop_subscription(topics.END_EFFECTOR, self._on_motion)
+        self.loop_subscription(topics.END_EFFECTOR, self._on_motion, raw=True)
         self._readiness = Readiness(self, self._config.required_nodes, self._on_ready_change)
         self.create_subscription(
             topics.RECORDER_STATE.type, topics.RECORDER_STATE.name, self._on_recorder, topics.RECORDER_STATE.qos
@@ -136,8 +135,7 @@ class TaskSimNode(RigNode):
     def arm(self, trial: TrialState) -> None:
         self._agent.reset(trial.seed)
         self._pacemaker.start(0)
-        self._motion = _Motion()
-        self._force[:] = 0.0
+        self._motion.clear()
 
     def _on_ready_change(self) -> None:
         if self.trial.phase == TrialState.PHASE_ARMING and not self._readiness.missing(self.trial.uid):
@@ -178,12 +176,14 @@ class TaskSimNode(RigNode):
 
     # -- ticks ---------------------------------------------------------------------------------------------------
 
-    def _on_motion(self, state: EndEffectorState) -> None:
-        if self.trial.phase != TrialState.PHASE_RUNNING or self.tick_of(from_stamp(state.header.stamp)) != state.tick:
+    def _on_motion(self, data: bytes) -> None:
+        heard = self._heard
+        heard.load(data)
+        tick = heard["tick"]
+        if self.trial.phase != TrialState.PHASE_RUNNING or self.tick_of(heard.stamp) != tick:
             self._pacemaker.late += 1
-        elif self._pacemaker.take(state.tick):
-            _read(state.force, self._force)
-            self._motion.read(state)
+        elif self._pacemaker.take(tick):
+            self._motion, self._heard = heard, self._motion
             if not self._pacemaker.realtime:
                 self._tick()
 
@@ -206,7 +206,7 @@ class TaskSimNode(RigNode):
             if advance is Advance.COAST:
                 self._agent.coast()
             else:
-                self._agent.step(self._motion.value, self._force)
+                self._agent.step(_motion(self._motion), self._motion["force"])
             if self._pacemaker.tick >= self._planned:
                 self._end(TrialState.PHASE_FINISHED, "ran to its end")
             else:
@@ -215,20 +215,19 @@ class TaskSimNode(RigNode):
     def _publish_state(self, held: bool) -> None:
         assert self.clock is not None
         agent, tick, message = self._agent, self._pacemaker.tick, self._message
-        message.header.stamp = to_stamp(self.clock.stamp(tick))
-        message.tick = tick
-        message.time = tick * self._loop.sample_time
-        state = agent.state
-        message.mode = agent.task_mode
-        message.state = state.tolist()
-        message.control = agent.control.tolist()
-        message.in_success_region = agent.in_success_region
-        message.outcome = agent.outcome
-        message.held = held
-        message.missed_deadlines = self._pacemaker.missed
+        message.stamp = self.clock.stamp(tick)
+        message["tick"] = tick
+        message["time"] = tick * self._loop.sample_time
+        message["mode"] = agent.task_mode
+        message["state"] = agent.state
+        message["control"] = agent.control
+        message["in_success_region"] = agent.in_success_region
+        message["outcome"] = agent.outcome
+        message["held"] = held
+        message["missed_deadlines"] = self._pacemaker.missed
         self._progress = time.monotonic()
         self.ticks_done = tick + 1
-        self._publisher.publish(message)
+        self._publisher.publish(message.data)
 
     # -- watching ------------------------------------------------------------------------------------------------
 
@@ -292,18 +291,5 @@ class TaskSimNode(RigNode):
         return response
 
 
-class _Motion:
-    """The end effector's motion of a message, in arrays that are reused."""
-
-    def __init__(self) -> None:
-        self.value = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
-
-    def read(self, state: EndEffectorState) -> None:
-        _read(state.position, self.value.position)
-        _read(state.velocity, self.value.velocity)
-        _read(state.acceleration, self.value.acceleration)
-        _read(state.reference_velocity, self.value.reference_velocity)
-
-
-def _read(vector: Vector3, into: np.ndarray) -> None:
-    into[:] = (vector.x, vector.y, vector.z)
+def _motion(message: WireMessage) -> Motion:
+    return Motion(message["position"], message["velocity"], message["acceleration"], message["reference_velocity"])

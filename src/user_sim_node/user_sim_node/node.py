@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
 
-from mig_interfaces.msg import TaskState, TrialState
+from mig_interfaces.msg import TrialState
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from shared_control.loop import make_user
@@ -24,10 +22,11 @@ class UserSimNode(RigNode):
         super().__init__("user_sim", *CONFIGURATIONS, **kwargs)
         loop = self.parameters.get(LoopConfig)
         self._agent = make_user(Scenario(loop=loop, user=self.parameters.get(UserConfig)), loop.seed)
-        self._wrench = WrenchStamped()
-        self._wrench.header.frame_id = topics.SENSOR_FRAME
+        task = loop.make_task()
+        self._state = topics.TASK_STATE.wire(state=task.n, control=task.m)
+        self._wrench = topics.WRENCH.wire()
         self._publisher = self.loop_publisher(topics.WRENCH)
-        self.loop_subscription(topics.TASK_STATE, self._on_state)
+        self.loop_subscription(topics.TASK_STATE, self._on_state, raw=True)
 
     def prepare(self) -> None:
         self._agent.warm_up()
@@ -38,10 +37,10 @@ class UserSimNode(RigNode):
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
         return DiagnosticStatus.OK, "pushing", {"ticks": self.ticks_done}
 
-    def _on_state(self, state: TaskState) -> None:
-        force = self._agent.act(state.tick, state.time, np.asarray(state.state), state.mode)
-        wrench = self._wrench
-        wrench.header.stamp = state.header.stamp
-        wrench.wrench.force.x, wrench.wrench.force.y, wrench.wrench.force.z = force.tolist()
-        self._publisher.publish(wrench)
+    def _on_state(self, data: bytes) -> None:
+        state, wrench = self._state, self._wrench
+        state.load(data)
+        wrench["wrench.force"] = self._agent.act(state["tick"], state["time"], state["state"], state["mode"])
+        wrench.stamp = state.stamp
+        self._publisher.publish(wrench.data)
         self.ticks_done += 1

@@ -31,6 +31,10 @@ class Controller(Protocol):
     that the schedule ages with the trial.
     """
 
+    @property
+    def schedule(self) -> Array:
+        """The last valid schedule from the present tick on, continued by zero, (N, m)."""
+
     def solve(self, x: Array, task_mode: int | None = None) -> Solution:
         """Search for a schedule from the state (n,) and a hybrid task's mode (None: the state's own).
 
