@@ -41,7 +41,7 @@ _LITTLE = sys.byteorder == "little"
 _STAMP = struct.Struct("=iI")
 
 
-def stamp_of(data: bytes) -> int:
+def stamp_of(data: bytes | bytearray) -> int:
     """The stamp [ns] of a serialised message that begins with a header."""
     sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, _BEGIN)
     return int(sec) * _SECOND + int(nanosec)
