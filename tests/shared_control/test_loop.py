@@ -77,6 +77,18 @@ def test_plant_outcomes():
     assert plant.outcome == loop.FAILURE
 
 
+def test_plant_may_differ_from_the_model():
+    differs = load({"/**/task_sim": {"ros__parameters": {"plant_parameters": ["length=1.0"]}}})
+    really = load({"/**": {"ros__parameters": {"task_parameters": ["length=1.0"]}}})
+    plant, expected = loop.make_plant(differs, 0), loop.make_plant(really, 0)
+    robot, force = loop.make_robot(differs), np.array([6.0, 0.0, 0.0])
+    for _ in range(50):
+        motion = robot.step(force)
+        assert np.array_equal(plant.step(motion, force), expected.step(motion, force))
+    assert plant.task.parameters.length == 1.0
+    assert loop.make_filter(differs).task.parameters.length == 2.0
+
+
 def test_plant_goes_on_with_a_motion_held_and_coasts_without(scenario):
     plant, robot = loop.make_plant(scenario, 0), loop.make_robot(scenario)
     force = np.array([6.0, 0.0, 0.0])

@@ -74,6 +74,8 @@ def test_task_parameters_reach_the_task():
         (section("/**", task_parameters=["lenght=1"]), ["lenght", "did you mean length?"]),
         (section("/**", task_parameters=["length=-1"]), ["length", "-1.0", "greater than 0", "[m]"]),
         (section("/**", task_parameters=["length"]), ["task_parameters", "'length'", "name=number"]),
+        (section("/**/task_sim", plant_parameters=["lenght=1"]), ["plant_parameters", "did you mean length?"]),
+        (section("/**/task_sim", plant_parameters=["length"]), ["plant_parameters: 'length'", "name=number"]),
         (section("/**/mig_filter", mode="helpful"), ["mode", "'helpful'", "off, training, assistance"]),
         (section("/**/mig_filter", mode=False), ["mode", "False", "in quotes"]),
         (section("/**/mig_filter", horizon=0.0), ["horizon", "0.0", "from 0.001 to 60"]),

@@ -10,7 +10,7 @@ import pytest
 from shared_control import loop
 from shared_control.filter import Reason, Verdict
 from shared_control.parameters import ParameterError
-from shared_control.trial import run_trial, run_trials
+from shared_control.trial import judged, run_trial, run_trials
 
 
 def equal(a, b):
@@ -81,3 +81,13 @@ def test_idle_user_is_never_stopped(scenario):
     assert np.all(result.reason == Reason.NULL_ACTION)
     assert np.isnan(result.measures.pra_trial)
     assert np.abs(result.states[-1, 0]) == pytest.approx(np.pi)
+
+
+def test_judged_after_the_fact(scenario):
+    """In training a verdict depends on state and action only: judging the record gives what the filter gave."""
+    training = dataclasses.replace(scenario, filter=dataclasses.replace(scenario.filter, mode="training"))
+    result = run_trial(training, 3)
+    assert repr(judged(result, training)) == repr(result.measures)
+    alone = run_trial(dataclasses.replace(scenario, filter=dataclasses.replace(scenario.filter, mode="off")), 3)
+    assert alone.measures.pra_trial == 0.0
+    assert 0.2 < judged(alone, training).pra_trial < 0.8

@@ -169,8 +169,8 @@ class PlantAgent:
         # Imported here: user and robot, who need no plant, need no compiler.
         from shared_control.integrate import Stepper
 
-        self.task = scenario.loop.make_task()
         self._config = scenario.task
+        self.task = self._config.make_plant(scenario.loop.make_task())
         self._robot = scenario.loop.robot
         self._stepper = Stepper(self.task, scenario.loop.sample_time)
         self._dwell = round(self.task.success_dwell / scenario.loop.sample_time)

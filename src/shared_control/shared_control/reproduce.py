@@ -17,7 +17,7 @@ import numpy as np
 from shared_control import measures
 from shared_control.cost import wrap
 from shared_control.scenario import find
-from shared_control.trial import TrialResult, run_trials
+from shared_control.trial import TrialResult, judged, run_trials
 from shared_control.users.presets import PRESETS
 
 __all__ = ["CLAIMS", "Claim", "main", "measure", "scenario"]
@@ -52,6 +52,38 @@ def _skilled(preset: str, mode: str, spread: float) -> Claim:
     return Claim(f"cart_pendulum_noise_{mode}", changes, 1 if spread == 0.0 else 20, wanted)
 
 
+#: Users between noise and skill: how much purpose, how late, how wrong about the pendulum's length [m].
+_GRADES = [
+    (float(skill), delay, length)
+    for skill, delay, length in zip(
+        np.linspace(0.0, 1.0, 32), 8 * (0.0, 0.05, 0.1, 0.2), 4 * (2.0, 1.6, 2.4, 2.0, 3.0, 2.0, 1.2, 2.0), strict=True
+    )
+]
+
+
+def _graded(seeds: int, workers: int | None) -> str:
+    """Success of 32 users alone, and what share of their actions the filter would have rejected; ``seeds`` trials."""
+    from scipy.stats import spearmanr
+
+    successes, rejected = [], []
+    for number, (skill, delay, length) in enumerate(_GRADES):
+        user = {
+            "user": "graded", "preset": "economical", "skill": skill, "delay": delay,
+            "model_parameters": [f"length={length}"],
+        }  # fmt: skip
+        trials = range(FIRST_SEED + 1000 * number, FIRST_SEED + 1000 * number + seeds)
+        alone = run_trials(scenario(Claim("cart_pendulum_noise_off", {"user_sim": user}, seeds, "")), trials, workers)
+        successes.append(float(_field(alone, "success").mean()))
+        rejected.append(float(np.mean([judged(trial, "cart_pendulum_noise_training").pra for trial in alone])))
+    return (
+        f"Spearman {spearmanr(successes, rejected).statistic:.2f} over {len(_GRADES)} users; "
+        f"success alone {min(successes):.2f} to {max(successes):.2f}, PRA {min(rejected):.3f} to {max(rejected):.3f}"
+    )
+
+
+#: The claim that compares users with each other.
+GRADED = Claim("cart_pendulum_noise_training", {}, 10, "Spearman of success alone and PRA at most -0.8")
+
 _RANDOM = {"mig_filter": {"judge": "random", "rejection_rate": 0.7}}
 
 #: Every claim that can be measured here, by name.
@@ -74,7 +106,11 @@ CLAIMS: dict[str, Claim] = {
         for mode in ("off", "assistance")
         for spread in (0.0, 0.1)
     },
+    "cart/graded users": GRADED,
     "slip/noise/off": Claim("slip_noise_off", {}, 100, "falls in 100 of 100"),
+    "slip/noise/assistance/sac": Claim(
+        "slip_noise_assistance", {"mig_filter": {"controller": "sac"}}, 100, "reported"
+    ),
     "slip/noise/assistance": Claim("slip_noise_assistance", {}, 300, "never falls, override 0.70 +- 0.05"),
     "slip/noise/random rejection": Claim("slip_noise_assistance", _RANDOM, 100, "what replacement alone does"),
     "slip/noise/training": Claim("slip_noise_training", {}, 100, "reported"),
@@ -98,6 +134,8 @@ def scenario(claim: Claim) -> dict[str, Any]:
 def measure(claim: Claim, seeds: int | None = None, workers: int | None = None) -> str:
     """Run a claim's trials, as many as it says or fewer, and say in one line what came out."""
     count = claim.seeds if seeds is None else min(seeds, claim.seeds)
+    if claim is GRADED:
+        return _graded(count, workers)
     results = run_trials(scenario(claim), range(FIRST_SEED, FIRST_SEED + count), workers)
     first = results[0].measures
     say: Callable[[list[TrialResult]], str] = (

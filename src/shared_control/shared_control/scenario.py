@@ -84,6 +84,24 @@ class TaskConfig:
     initial_sd: tuple[float, ...] = parameter(
         (), "Standard deviation of a random perturbation of the start, for each state; empty: none.", ge=0.0
     )
+    plant_parameters: tuple[str, ...] = parameter(
+        (),
+        "Physical parameters, as name=value, in which the simulated plant differs from the model that filter, "
+        "controller and user have.",
+    )
+
+    def make_plant(self, model: Task) -> Task:
+        """The plant: the model with what differs.
+
+        Raises
+        ------
+        ParameterError: a parameter that is not known, or a value out of its range.
+        """
+        try:
+            differs = tasks.parse(self.plant_parameters)
+            return tasks.get(model.name, **{**model.parameters._asdict(), **differs})
+        except ParameterError as error:
+            raise ParameterError("plant_parameters: " + str(error).removeprefix("task_parameters: ")) from None
 
 
 _SECTIONS: dict[str, tuple[str, type[Any]]] = {
@@ -226,6 +244,7 @@ def check(scenario: Scenario) -> None:
     """
     task = scenario.loop.make_task()
     task.check_robot(scenario.loop.robot)
+    scenario.task.make_plant(task)
     admittance.check(scenario.robot, scenario.loop.robot)
     mig_filter.costs(task, scenario.filter)
     for key, values, length, of in (

@@ -17,7 +17,7 @@ from shared_control.scenario import Scenario, load
 from shared_control.tasks.task import Array
 from shared_control.users import presets
 
-__all__ = ["TrialResult", "run_trial", "run_trials"]
+__all__ = ["TrialResult", "judged", "run_trial", "run_trials"]
 
 Source = str | os.PathLike[str] | Mapping[str, Any] | Scenario
 
@@ -124,6 +124,26 @@ def run_trial(scenario: Source, seed: int | None = None) -> TrialResult:
     """
     loaded = load(scenario)
     return _Loop(loaded).run(loaded.loop.seed if seed is None else seed)
+
+
+def judged(result: TrialResult, scenario: Source) -> Any:
+    """Measures of a trial as if a scenario's filter had judged its actions and touched none of them.
+
+    What the paper reports of the sets in which the filter is not engaged: the rejected share of what a user does alone.
+
+    Raises
+    ------
+    ScenarioError: see :func:`shared_control.scenario.load`.
+    """
+    loaded = load(scenario)
+    agent = loop.make_filter(loaded)
+    agent.reset(result.seed)
+    verdict, reason = np.empty_like(result.verdict), np.empty_like(result.reason)
+    ticks = zip(result.states[:-1], result.user_force, result.task_modes[:-1], strict=True)
+    for k, (x, force, task_mode) in enumerate(ticks):
+        decision = agent.decide(x, force, int(task_mode)).decision
+        verdict[k], reason[k] = decision.verdict, decision.reason
+    return _measures(loaded, result.states, result.user_control, verdict, reason)
 
 
 _worker: _Loop | None = None
