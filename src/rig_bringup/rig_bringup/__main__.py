@@ -24,7 +24,20 @@ def main() -> int:
         from rig_study.rederive_cli import main as rederive
 
         return rederive(rest)
-    print(f"error: there is no command {command!r}; use up, test, bag, rederive", file=sys.stderr)
+    if command == "study":
+        from rig_study.study_cli import main as study
+
+        return study(rest)
+    if command in ("montecarlo", "sweep"):
+        from rig_study import sweep_cli
+
+        return sweep_cli.montecarlo(rest) if command == "montecarlo" else sweep_cli.sweep(rest)
+    if command == "analyze":
+        from rig_study.analyze_cli import main as analyze
+
+        return analyze(rest)
+    known = "up, test, bag, rederive, study, montecarlo, sweep, analyze"
+    print(f"error: there is no command {command!r}; use {known}", file=sys.stderr)
     return 2
 
 

@@ -1,89 +1,50 @@
-"""Figures of a recorded trial, as SVG text. Colours of Okabe and Ito, which the colour-blind can tell apart."""
+"""Figures of a recorded trial, as SVG text."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from rig_study.figure_style import LINES, SUCCESS, VERDICT_COLOURS, label, spans, svg, wrapped
+from rig_study.figure_style import axes as axes_of
 from rig_study.recorded import VERDICTS, RecordedTrial
 
 if TYPE_CHECKING:
     from rig_study.rederive import Rederived
-
-_VERDICT_COLOURS = ("#009E73", "#D55E00", "#0072B2")
-_SUCCESS = "#B8E2C8"
-_LINES = ("#222222", "#0072B2", "#D55E00", "#CC79A7", "#009E73")
-_WIDTH = 11.0
-
-
-def _axes(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(_WIDTH, height * count), layout="constrained")
-    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-    for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.grid(alpha=0.25)
-    return figure, list(axes)
-
-
-def _svg(figure: Figure) -> str:
-    out = io.StringIO()
-    # Text stays text, so that it can be searched; no date, so that the same trial gives the same page.
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rig"}):
-        figure.savefig(out, format="svg", metadata={"Date": None})
-    text = out.getvalue()
-    return text[text.index("<svg") :]
-
-
-def _label(ax: Axes, name: str, unit: str) -> None:
-    ax.set_ylabel(f"{name}\n[{unit}]" if unit else name)
-
-
-def _unwrapped_to_turn(values: np.ndarray) -> np.ndarray:
-    return np.arctan2(np.sin(values), np.cos(values))
-
-
-def _spans(mask: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def states(trial: RecordedTrial) -> str:
     """Each state over time; angles wrapped to (-pi, pi]; the success region marked."""
     names: Sequence[str] = trial.trial.state_names
     units: Sequence[str] = trial.trial.state_units
-    figure, axes = _axes(len(names), 1.5)
+    figure, axes = axes_of(len(names), 1.5)
     box = _success_box(trial.trial.task)
     for index, (ax, name, unit) in enumerate(zip(axes, names, units, strict=True)):
         values = trial.states[:, index]
         if unit == "rad":
-            values = _unwrapped_to_turn(values)
-            # A line across the page at each turn would hide the motion.
-            values = np.where(np.abs(np.diff(values, prepend=values[0])) > np.pi, np.nan, values)
-        for first, last in _spans(trial.in_success_region):
-            ax.axvspan(trial.time[first], trial.time[last - 1] + trial.sample_time, color=_SUCCESS, lw=0)
+            values = wrapped(values)
+        for first, last in spans(trial.in_success_region):
+            ax.axvspan(trial.time[first], trial.time[last - 1] + trial.sample_time, color=SUCCESS, lw=0)
         if index in box:
             ax.axhspan(-box[index], box[index], facecolor="none", edgecolor="#009E73", ls="--", lw=1)
-        ax.plot(trial.time, values, color=_LINES[0], lw=1)
-        _label(ax, name, unit)
+        ax.plot(trial.time, values, color=LINES[0], lw=1)
+        label(ax, name, unit)
     axes[-1].set_xlabel("trial time [s]")
     figure.legend(
         handles=[
-            Patch(color=_SUCCESS, label="in the success region"),
+            Patch(color=SUCCESS, label="in the success region"),
             Patch(facecolor="none", edgecolor="#009E73", ls="--", label="success box"),
         ],
         loc="outside upper right",
         ncols=2,
         frameon=False,
     )
-    return _svg(figure)
+    return svg(figure)
 
 
 def _success_box(task: str) -> dict[int, float]:
@@ -100,23 +61,23 @@ def controls(trial: RecordedTrial, window: float | None = None) -> str:
     until = len(trial.time) if window is None else min(len(trial.time), round(window / trial.sample_time))
     names: Sequence[str] = trial.trial.control_names
     units: Sequence[str] = trial.trial.control_units
-    figure, axes = _axes(len(names), 2.6)
+    figure, axes = axes_of(len(names), 2.6)
     time, verdict = trial.time[:until], trial.verdict[:until]
     for index, (ax, name, unit) in enumerate(zip(axes, names, units, strict=True)):
         user, applied = trial.user_control[:until, index], trial.applied_control[:until, index]
         _shade(ax, time, verdict, trial.sample_time)
         ax.step(time, user, where="post", color="#888888", lw=0.8 if window else 0.4, label="user")
-        ax.step(time, applied, where="post", color=_LINES[0], lw=1.4 if window else 0.6, label="applied")
-        _label(ax, name, unit)
+        ax.step(time, applied, where="post", color=LINES[0], lw=1.4 if window else 0.6, label="applied")
+        label(ax, name, unit)
     axes[-1].set_xlabel("trial time [s]")
     lines, labels = axes[0].get_legend_handles_labels()
     patches: list[Any] = [
-        Patch(color=colour, alpha=0.35, label=name) for name, colour in zip(VERDICTS, _VERDICT_COLOURS, strict=True)
+        Patch(color=colour, alpha=0.35, label=name) for name, colour in zip(VERDICTS, VERDICT_COLOURS, strict=True)
     ]
     figure.legend(
         handles=[*lines, *patches], labels=[*labels, *VERDICTS], loc="outside upper right", ncols=5, frameon=False
     )
-    return _svg(figure)
+    return svg(figure)
 
 
 def _shade(ax: Axes, time: np.ndarray, verdict: np.ndarray, sample: float) -> None:
@@ -126,7 +87,7 @@ def _shade(ax: Axes, time: np.ndarray, verdict: np.ndarray, sample: float) -> No
         extent=(time[0], time[-1] + sample, 0.0, 1.0),
         transform=ax.get_xaxis_transform(),
         aspect="auto",
-        cmap=ListedColormap(_VERDICT_COLOURS),
+        cmap=ListedColormap(VERDICT_COLOURS),
         vmin=0,
         vmax=2,
         alpha=0.35,
@@ -137,35 +98,35 @@ def _shade(ax: Axes, time: np.ndarray, verdict: np.ndarray, sample: float) -> No
 
 def criterion(trial: RecordedTrial) -> str:
     """The integral of the mode insertion gradient, by verdict, on a scale that is linear around zero."""
-    figure, (ax,) = _axes(1, 2.6)
-    for number, (name, colour) in enumerate(zip(VERDICTS, _VERDICT_COLOURS, strict=True)):
+    figure, (ax,) = axes_of(1, 2.6)
+    for number, (name, colour) in enumerate(zip(VERDICTS, VERDICT_COLOURS, strict=True)):
         chosen = trial.verdict == number
         ax.plot(trial.time[chosen], trial.criterion[chosen], ".", ms=2, color=colour, label=name)
     finite = np.abs(trial.criterion[np.isfinite(trial.criterion)])
     ax.set_yscale("symlog", linthresh=float(np.median(finite)) if finite.size and np.median(finite) > 0 else 1.0)
-    ax.axhline(0.0, color=_LINES[0], lw=0.8)
+    ax.axhline(0.0, color=LINES[0], lw=0.8)
     ax.set_xlabel("trial time [s]")
-    _label(ax, "criterion", "unit of the cost")
+    label(ax, "criterion", "unit of the cost")
     figure.legend(loc="outside upper right", ncols=3, frameon=False, markerscale=5)
-    return _svg(figure)
+    return svg(figure)
 
 
 def timing(trial: RecordedTrial) -> str:
     """Time from tick to tick, from state to decision, and in the decision itself; late ticks marked."""
-    figure, axes = _axes(3, 1.6)
-    axes[0].plot(trial.time[1:], np.diff(trial.received) * 1e-6, lw=0.5, color=_LINES[0])
-    _label(axes[0], "tick interval", "ms")
+    figure, axes = axes_of(3, 1.6)
+    axes[0].plot(trial.time[1:], np.diff(trial.received) * 1e-6, lw=0.5, color=LINES[0])
+    label(axes[0], "tick interval", "ms")
     for tick in np.flatnonzero(trial.held):
-        axes[0].axvline(trial.time[tick], color=_VERDICT_COLOURS[1], lw=0.8)
+        axes[0].axvline(trial.time[tick], color=VERDICT_COLOURS[1], lw=0.8)
     for ax, values, name in (
         (axes[1], trial.state_age, "state to decision"),
         (axes[2], trial.compute_time, "decision"),
     ):
-        ax.plot(trial.time, values * 1e6, ".", ms=1.5, color=_LINES[1])
+        ax.plot(trial.time, values * 1e6, ".", ms=1.5, color=LINES[1])
         ax.set_yscale("log")
-        _label(ax, name, "us")
+        label(ax, name, "us")
     axes[-1].set_xlabel("trial time [s]")
-    return _svg(figure)
+    return svg(figure)
 
 
 def counterfactual(derived: Rederived, title: str) -> str:
@@ -173,30 +134,30 @@ def counterfactual(derived: Rederived, title: str) -> str:
     recorded, other = derived.inputs.decisions, derived.decisions
     sample = derived.inputs.scenario.loop.sample_time
     time = recorded["tick"] * sample
-    figure, axes = _axes(3 + other["applied_control"].shape[1], 1.7)
+    figure, axes = axes_of(3 + other["applied_control"].shape[1], 1.7)
     figure.suptitle(
         f"{title}\nA counterfactual on the recorded states and wrenches: the trajectory would have been another one",
         fontsize="medium",
     )
-    for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", _LINES[1])):
+    for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", LINES[1])):
         axes[0].plot(time, values["criterion"], ".", ms=2, color=colour, label=name)
     finite = np.abs(recorded["criterion"][np.isfinite(recorded["criterion"])])
     axes[0].set_yscale("symlog", linthresh=float(np.median(finite)) if finite.size and np.median(finite) > 0 else 1.0)
-    axes[0].axhline(0.0, color=_LINES[0], lw=0.8)
-    _label(axes[0], "criterion", "unit of the cost")
+    axes[0].axhline(0.0, color=LINES[0], lw=0.8)
+    label(axes[0], "criterion", "unit of the cost")
     for ax, values, name in ((axes[1], recorded, "recorded"), (axes[2], other, "this filter")):
         _shade(ax, time, values["verdict"], sample)
         ax.set_yticks([])
         ax.set_ylabel(name)
     names, units = derived.inputs.trial.control_names, derived.inputs.trial.control_units
     for index, ax in enumerate(axes[3:]):
-        for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", _LINES[1])):
+        for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", LINES[1])):
             ax.step(time, values["applied_control"][:, index], where="post", color=colour, lw=0.8, label=name)
-        _label(ax, f"applied {names[index]}", units[index])
+        label(ax, f"applied {names[index]}", units[index])
     axes[-1].set_xlabel("trial time [s]")
     lines, labels = axes[0].get_legend_handles_labels()
     patches: list[Any] = [
-        Patch(color=colour, alpha=0.35, label=name) for name, colour in zip(VERDICTS, _VERDICT_COLOURS, strict=True)
+        Patch(color=colour, alpha=0.35, label=name) for name, colour in zip(VERDICTS, VERDICT_COLOURS, strict=True)
     ]
     figure.legend(handles=[*lines, *patches], labels=[*labels, *VERDICTS], loc="outside lower center", ncols=5)
-    return _svg(figure)
+    return svg(figure)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import rig_bag
+from shared_control import measures, tasks
 
 Array = npt.NDArray[Any]
 
@@ -107,6 +108,17 @@ def load(bag: str | Path) -> RecordedTrial:
         ticks_recorded=len(left) if len(ticks) else 0,
         decisions_recorded=len(decision),
     )
+
+
+def measured(trial: RecordedTrial) -> measures.CartPendulumMeasures | measures.SlipMeasures | None:
+    """The measures of its task; None if it has none. N states make N - 1 samples: the last tick only starts one."""
+    acted, intervened = np.any(trial.user_control != 0.0, axis=1)[:-1], trial.verdict[:-1] != 0
+    if trial.trial.task == "cart_pendulum":
+        return measures.cart_pendulum(trial.states, trial.sample_time, action=acted, intervened=intervened)
+    if trial.trial.task == "slip":
+        height = tasks.get("slip").parameters.fall_height
+        return measures.slip(trial.states, trial.sample_time, action=acted, intervened=intervened, fall_height=height)
+    return None
 
 
 def only(topics: dict[str, Any], name: str, bag: str | Path) -> Any:

@@ -5,32 +5,25 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rig_bag import BagError
+from rig_study.changes import apply, value_from_text
 from rig_study.recorded import VERDICTS, TrialError, load
 from rig_study.recorded_inputs import RecordedInputs, load_inputs, user_forces
 from rig_study.rederive import Rederived, rederive, simulate
 from rig_study.trial_report import rows
-from shared_control import scenario as science
-from shared_control.admittance import AdmittanceConfig
-from shared_control.filter import FilterConfig
-from shared_control.parameters import ParameterError, build, declarations
-from shared_control.scenario import Scenario, ScenarioError, TaskConfig
+from shared_control.parameters import ParameterError
+from shared_control.scenario import Scenario, ScenarioError
 
 __all__ = ["main"]
 
-#: What `--set` may change: the name of the node, the part of the scenario, its declaration.
-_PARTS: dict[str, tuple[str, type[Any]]] = {
-    "mig_filter": ("filter", FilterConfig),
-    "admittance_sim": ("robot", AdmittanceConfig),
-    "task_sim": ("task", TaskConfig),
-}
+#: What `--set` may change: the user is the recorded one.
+_NODES = ("mig_filter", "admittance_sim", "task_sim")
 
 _CAUTION = (
     "A counterfactual on the recorded states and wrenches: from the first other verdict on, the trajectory itself\n"
@@ -89,32 +82,18 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _changed(scenario: Scenario, changes: Sequence[str], *, closed_loop: bool) -> Scenario:
-    values: dict[str, dict[str, Any]] = {}
+    values: dict[str, Any] = {}
     for change in changes:
-        place, equals, text = change.partition("=")
-        node, dot, key = place.partition(".")
-        if not (equals and dot) or node not in _PARTS:
-            raise ScenarioError(f"--set {change}: write NODE.KEY=VALUE with NODE one of {', '.join(_PARTS)}")
+        name, equals, text = change.partition("=")
+        node = name.partition(".")[0]
+        if not equals or "." not in name or node not in _NODES:
+            raise ScenarioError(f"--set {change}: write NODE.KEY=VALUE with NODE one of {', '.join(_NODES)}")
         if node != "mig_filter" and not closed_loop:
             raise ScenarioError(
                 f"--set {change}: only --closed-loop simulates {node}; the filter alone does not ask it"
             )
-        values.setdefault(node, {})[key] = _value(_PARTS[node][1], key, text, change)
-    for node, given in values.items():
-        part, cls = _PARTS[node]
-        scenario = replace(scenario, **{part: build(cls, {**asdict(getattr(scenario, part)), **given}, "--set")})
-    science.check(scenario)
-    return scenario
-
-
-def _value(cls: type[Any], key: str, text: str, change: str) -> Any:
-    # A word is a word: YAML would take a bare off for false.
-    if any(known.name == key and known.kind == "str" for known in declarations(cls)):
-        return text
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"--set {change}: {text!r} is not a value: {error}") from None
+        values[name] = value_from_text(name, text, "--set")
+    return apply(scenario, values, "--set")
 
 
 def _same(derived: Rederived, speed: str) -> int:

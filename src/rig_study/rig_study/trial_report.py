@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rig_study.recorded import MODES, PACINGS, PHASES, RecordedTrial, load
-from shared_control import measures, tasks
+from rig_study.recorded import MODES, PACINGS, PHASES, RecordedTrial, load, measured
+from shared_control import measures
 
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -73,15 +73,15 @@ def _short(value: float) -> str:
 
 
 def _measures(trial: RecordedTrial) -> dict[str, str]:
-    known = {"cart_pendulum": _cart_pendulum, "slip": _slip}
-    if trial.trial.task not in known:
-        return {"in success region": f"{100 * float(np.mean(trial.in_success_region)):.1f} % of the time"}
-    acted = np.any(trial.user_control != 0.0, axis=1)[:-1]
-    return known[trial.trial.task](trial, acted, trial.verdict[:-1] != 0)
+    found = measured(trial)
+    if isinstance(found, measures.CartPendulumMeasures):
+        return _cart_pendulum(found)
+    if isinstance(found, measures.SlipMeasures):
+        return _slip(found)
+    return {"in success region": f"{100 * float(np.mean(trial.in_success_region)):.1f} % of the time"}
 
 
-def _cart_pendulum(trial: RecordedTrial, acted: np.ndarray, intervened: np.ndarray) -> dict[str, str]:
-    found = measures.cart_pendulum(trial.states, trial.sample_time, action=acted, intervened=intervened)
+def _cart_pendulum(found: measures.CartPendulumMeasures) -> dict[str, str]:
     return {
         "success": "yes" if found.success else "no",
         "time to success": f"{found.time_to_success:.2f} s",
@@ -92,9 +92,7 @@ def _cart_pendulum(trial: RecordedTrial, acted: np.ndarray, intervened: np.ndarr
     }
 
 
-def _slip(trial: RecordedTrial, acted: np.ndarray, intervened: np.ndarray) -> dict[str, str]:
-    fall_height = tasks.get("slip").parameters.fall_height
-    found = measures.slip(trial.states, trial.sample_time, action=acted, intervened=intervened, fall_height=fall_height)
+def _slip(found: measures.SlipMeasures) -> dict[str, str]:
     return {
         "fell": f"at {found.fall_time:.2f} s" if found.fell else "no",
         "override": _percent(found.override),

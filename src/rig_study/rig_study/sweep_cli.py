@@ -1,0 +1,60 @@
+"""``montecarlo`` and ``sweep``: many trials of a scenario, or of a grid of its parameters, into one table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rig_study.runs import Job, progress, run, write_table
+from rig_study.study_cli import add_run_options
+from rig_study.sweep import load_sweep, montecarlo_jobs, sweep_jobs
+from shared_control.parameters import ParameterError
+
+__all__ = ["montecarlo", "sweep"]
+
+
+def montecarlo(argv: Sequence[str]) -> int:
+    """``./rig montecarlo``. Returns 0, or 2 for bad input; 130 if interrupted."""
+    parser = argparse.ArgumentParser(
+        prog="./rig montecarlo", description="Run a scenario over many seeds, headless; resumable."
+    )
+    parser.add_argument("scenario", help="path, or a name under config")
+    parser.add_argument("--trials", type=int, default=100, help="how many (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first trial; the others follow (%(default)s)")
+    parser.add_argument(
+        "--trace", type=int, default=5, help="keep the state of each so many ticks; 0: none (%(default)s)"
+    )
+    add_run_options(parser)
+    options = parser.parse_args(argv)
+    name = f"montecarlo_{Path(options.scenario).stem}"
+    return _run(lambda: montecarlo_jobs(options.scenario, options.trials, options.seed, options.trace), name, options)
+
+
+def sweep(argv: Sequence[str]) -> int:
+    """``./rig sweep``. Returns 0, or 2 for bad input; 130 if interrupted."""
+    parser = argparse.ArgumentParser(
+        prog="./rig sweep",
+        description="Run every point of a grid of parameters over the same seeds, headless; resumable.",
+    )
+    parser.add_argument("sweep", help="path, or a name under config/sweeps")
+    add_run_options(parser)
+    options = parser.parse_args(argv)
+    return _run(lambda: sweep_jobs(load_sweep(options.sweep)), f"sweep_{Path(options.sweep).stem}", options)
+
+
+def _run(make: Callable[[], list[Job]], name: str, options: argparse.Namespace) -> int:
+    folder = options.out or Path("runs") / name
+    try:
+        jobs = make()
+        rows = run(jobs, folder, workers=options.workers, scheduler=options.scheduler, report=progress(name))
+        print(f"{len(rows)} trials: {write_table(rows, folder / 'trials.parquet')}")
+        print(f"next: ./rig analyze {folder} --out {folder / 'report'}")
+    except ParameterError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped; the same command goes on from here", file=sys.stderr)
+        return 130
+    return 0
