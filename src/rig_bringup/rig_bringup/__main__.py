@@ -12,6 +12,10 @@ def main() -> int:
         from rig_bringup.up import main as up
 
         return up(rest)
+    if command == "display":
+        from rig_bringup.up import main as up
+
+        return up(["--display", *rest])
     if command == "test":
         from rig_bringup.testing import main as test
 
@@ -24,7 +28,7 @@ def main() -> int:
         from rig_study.rederive_cli import main as rederive
 
         return rederive(rest)
-    print(f"error: there is no command {command!r}; use up, test, bag, rederive", file=sys.stderr)
+    print(f"error: there is no command {command!r}; use up, display, test, bag, rederive", file=sys.stderr)
     return 2
 
 
