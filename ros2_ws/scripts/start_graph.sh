@@ -5,9 +5,10 @@
 #
 # Scenario files are ordinary ROS parameter files. RIG_NAMESPACE (default: rig) stands in front of every topic. With a
 # `recorder` section that names a bag (`uri`), the trial is recorded; leave the recorder out with RIG_RECORD=0.
+# RIG_USER=display puts a person at the browser page in the place of the simulated user.
 set -u
 
-[ $# -ge 1 ] || { sed -n '2,7s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 1 ] || { sed -n '2,8s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 
 ros_arguments=(--ros-args -r "__ns:=/${RIG_NAMESPACE:-rig}")
 for file in "$@"; do
@@ -34,7 +35,7 @@ trap 'stop; exit 0' INT TERM
 
 start task_sim_node task_sim_node
 start mig_filter_node mig_filter_node
-start user_sim_node user_sim_node
+if [ "${RIG_USER:-}" = display ]; then start rig_display display; else start user_sim_node user_sim_node; fi
 start admittance_sim_node admittance_sim_node
 [ "${RIG_RECORD:-1}" = 0 ] || start rig_bag recorder
 

@@ -2,43 +2,39 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
+
+#: Module and function behind each command. Imported only when it is asked for: none pays for another's start-up.
+_COMMANDS = {
+    "up": ("rig_bringup.up", "main"),
+    "display": ("rig_bringup.up", "display"),
+    "test": ("rig_bringup.testing", "main"),
+    "bag": ("rig_bringup.__main__", "bag"),
+    "rederive": ("rig_study.rederive_cli", "main"),
+    "study": ("rig_study.study_cli", "main"),
+    "montecarlo": ("rig_study.sweep_cli", "montecarlo"),
+    "sweep": ("rig_study.sweep_cli", "sweep"),
+    "analyze": ("rig_study.analyze_cli", "main"),
+}
 
 
 def main() -> int:
-    """Dispatch; each command is imported only when it is asked for, so that none pays for another's start-up."""
+    """Dispatch."""
     command, *rest = sys.argv[1:] or [""]
-    if command == "up":
-        from rig_bringup.up import main as up
+    if command not in _COMMANDS:
+        print(f"error: there is no command {command!r}; use {', '.join(_COMMANDS)}", file=sys.stderr)
+        return 2
+    module, function = _COMMANDS[command]
+    code: int = getattr(importlib.import_module(module), function)(rest)
+    return code
 
-        return up(rest)
-    if command == "test":
-        from rig_bringup.testing import main as test
 
-        return test(rest)
-    if command == "bag":
-        from rig_bag.cli import main as bag
+def bag(arguments: list[str]) -> int:
+    """`./rig bag`: with what the rig knows about a trial in `bag info`."""
+    from rig_bag.cli import main as bag_main
 
-        return bag(rest, "./rig bag", about=trial_of)
-    if command == "rederive":
-        from rig_study.rederive_cli import main as rederive
-
-        return rederive(rest)
-    if command == "study":
-        from rig_study.study_cli import main as study
-
-        return study(rest)
-    if command in ("montecarlo", "sweep"):
-        from rig_study import sweep_cli
-
-        return sweep_cli.montecarlo(rest) if command == "montecarlo" else sweep_cli.sweep(rest)
-    if command == "analyze":
-        from rig_study.analyze_cli import main as analyze
-
-        return analyze(rest)
-    known = "up, test, bag, rederive, study, montecarlo, sweep, analyze"
-    print(f"error: there is no command {command!r}; use {known}", file=sys.stderr)
-    return 2
+    return bag_main(arguments, "./rig bag", about=trial_of)
 
 
 def trial_of(bag: str) -> str:

@@ -13,15 +13,25 @@ from task_sim_node.node import TaskSimNode
 from user_sim_node.node import UserSimNode
 
 
-def graph(record: bool) -> list[NodeFactory]:
-    """The nodes of the graph, in the order of the loop; the recorder first, so that it misses nothing."""
-    nodes: list[NodeFactory] = [UserSimNode, MigFilterNode, AdmittanceSimNode, TaskSimNode]
+def graph(record: bool, person: bool = False) -> list[NodeFactory]:
+    """The nodes of the graph, in the order of the loop; the recorder first, so that it misses nothing.
+
+    With `person` the display takes the place of the simulated user.
+    """
+    nodes: list[NodeFactory] = [_display() if person else UserSimNode, MigFilterNode, AdmittanceSimNode, TaskSimNode]
     return [make_recorder, *nodes] if record else nodes
 
 
+def _display() -> NodeFactory:
+    # Imported here: it brings a web server, which a run without a person need not wait for.
+    from rig_display.node import DisplayNode
+
+    return DisplayNode
+
+
 def main() -> None:
-    """Spin the graph until it is told to end. RIG_RECORD=0 leaves the recorder out."""
-    sys.exit(run(*graph(os.environ.get("RIG_RECORD", "1") != "0")))
+    """Spin the graph until it is told to end. RIG_RECORD=0 leaves the recorder out, RIG_USER=display takes a person."""
+    sys.exit(run(*graph(os.environ.get("RIG_RECORD", "1") != "0", os.environ.get("RIG_USER") == "display")))
 
 
 if __name__ == "__main__":

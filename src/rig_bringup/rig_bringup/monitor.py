@@ -58,7 +58,7 @@ class Monitor:
         trial = self.trial
         if trial is None:
             return "starting the graph"
-        if trial.phase == TrialState.PHASE_ARMING:
+        if trial.phase in (TrialState.PHASE_IDLE, TrialState.PHASE_ARMING):
             return trial.message
         pacing = self.values.get(f"{self._prefix}/task_sim", {})
         judging = self.values.get(f"{self._prefix}/mig_filter", {})

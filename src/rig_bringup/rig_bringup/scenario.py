@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from rig_bag.configuration import RecorderConfig
+from rig_display.parameters import DisplayConfig
 from shared_control import scenario as science
 from shared_control.parameters import ParameterError, build
 from shared_control.scenario import LoopConfig, Scenario, ScenarioError
@@ -19,6 +20,7 @@ from shared_control.scenario import LoopConfig, Scenario, ScenarioError
 __all__ = ["Checked", "ScenarioError", "checked", "load", "parameter_file"]
 
 _RECORDER = "/**/recorder"
+_DISPLAY = "/**/display"
 
 #: Section of a parameter file for each part of a scenario.
 _SECTIONS = {
@@ -32,10 +34,14 @@ _SECTIONS = {
 
 @dataclass(frozen=True)
 class Checked:
-    """A scenario whose every key and value has been checked, with the recorder's section beside it."""
+    """A scenario whose every key and value has been checked, with the recorder's section beside it.
+
+    `display` is the display's, where a person takes the place of the simulated user.
+    """
 
     scenario: Scenario
     recorder: dict[str, Any]
+    display: dict[str, Any] | None = None
 
     @property
     def loop(self) -> LoopConfig:
@@ -45,6 +51,9 @@ class Checked:
     def text(self) -> str:
         """The scenario as a ROS parameter file that names every value, defaults included."""
         values = {section: asdict(getattr(self.scenario, part)) for section, part in _SECTIONS.items()}
+        if self.display is not None:
+            del values["/**/user_sim"]
+            values[_DISPLAY] = self.display
         return parameter_file({**values, _RECORDER: self.recorder})
 
     def digest(self) -> str:
@@ -52,8 +61,10 @@ class Checked:
         return hashlib.sha256(self.text().encode()).hexdigest()
 
 
-def load(name: str, overrides: Mapping[str, Any]) -> Checked:
+def load(name: str, overrides: Mapping[str, Any], *, person: bool = False) -> Checked:
     """Find a scenario by name or path, check it, and put shared values from the command line on top.
+
+    With `person` the display takes the place of the simulated user.
 
     Raises
     ------
@@ -63,10 +74,12 @@ def load(name: str, overrides: Mapping[str, Any]) -> Checked:
     path = science.find(name)
     scenario = science.load(path)
     try:
-        recorder = _recorder_section(path)
+        recorder = _section(path, _RECORDER, RecorderConfig)
+        display = asdict(build(DisplayConfig, _section(path, _DISPLAY, DisplayConfig)))
     except ParameterError as error:
         raise ScenarioError(str(error)) from None
-    return checked(scenario, recorder, overrides)
+    result = checked(scenario, recorder, overrides)
+    return replace(result, display=_without_secrets(display)) if person else result
 
 
 def checked(scenario: Scenario, recorder: dict[str, Any], overrides: Mapping[str, Any]) -> Checked:
@@ -91,11 +104,16 @@ def _use_shipped_scenarios() -> None:
         os.environ.setdefault("SHARED_CONTROL_CONFIG", str(Path(root) / "config"))
 
 
-def _recorder_section(path: Path) -> dict[str, Any]:
-    body = (yaml.safe_load(path.read_text()) or {}).get(_RECORDER) or {}
+def _section(path: Path, section: str, configuration: type) -> dict[str, Any]:
+    body = (yaml.safe_load(path.read_text()) or {}).get(section) or {}
     values = dict(body.get("ros__parameters") or {})
-    build(RecorderConfig, values, f"{path}: section {_RECORDER}")
+    build(configuration, values, f"{path}: section {section}")
     return values
+
+
+def _without_secrets(display: dict[str, Any]) -> dict[str, Any]:
+    # What a run used is kept beside its bag and in it, and goes where the bag goes.
+    return {key: value for key, value in display.items() if key != "token"}
 
 
 def parameter_file(sections: Mapping[str, Mapping[str, Any]]) -> str:

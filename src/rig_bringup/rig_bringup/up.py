@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import argparse
 import os
+import secrets
+import socket
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.scenario import Checked, ScenarioError
+from rig_display.parameters import DisplayConfig
+from shared_control.parameters import ParameterError, build
 
 if TYPE_CHECKING:
     from rig_bringup.replay import Replay
@@ -44,10 +50,24 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--user-from", type=Path, metavar="BAG", help="let the recorded user push, tick by tick, in lockstep"
     )
+    person = result.add_argument_group("a person instead of the simulated user")
+    person.add_argument(
+        "--display", action="store_true", help="serve a page in the browser whose hand pushes; realtime"
+    )
+    person.add_argument("--port", type=int, metavar="N", help="port of the page (8600)")
+    person.add_argument("--host", metavar="ADDR", help="address to listen on (127.0.0.1); any other needs the token")
+    person.add_argument(
+        "--token", metavar="T", help="what a browser elsewhere must know (made and printed if not given)"
+    )
     result.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: a new one under runs/)")
     result.add_argument("--namespace", default="rig", help="stands in front of every topic (%(default)s)")
     result.add_argument("--no-report", action="store_true", help="leave the HTML report out")
     return result
+
+
+def display(argv: Sequence[str]) -> int:
+    """As :func:`main`, with a person at the browser page."""
+    return main(["--display", *argv])
 
 
 def main(argv: Sequence[str]) -> int:
@@ -64,6 +84,8 @@ def main(argv: Sequence[str]) -> int:
     bag = out / "bag"
     files = _write_parameters(out, bag, checked)
     loop = checked.loop
+    if checked.display is not None:
+        print(_invitation(checked.display, arguments), flush=True)
     print(f"{checked.scenario.name}: {loop.duration:g} s, {loop.pacing}, seed {loop.seed}, in {out}", flush=True)
     code = _run(arguments, files, out)
     return _finish(bag, out, code, report=not arguments.no_report)
@@ -72,13 +94,53 @@ def main(argv: Sequence[str]) -> int:
 def _load(arguments: argparse.Namespace) -> tuple[Checked, Replay | None]:
     given = {"pacing": arguments.pacing, "duration": arguments.duration, "seed": arguments.seed}
     overrides = {key: value for key, value in given.items() if value is not None}
+    _check_display(arguments)
     if arguments.user_from is None:
-        return scenario.load(arguments.scenario or DEFAULT_SCENARIO, overrides), None
+        checked = scenario.load(arguments.scenario or DEFAULT_SCENARIO, overrides, person=arguments.display)
+        return _place_display(checked, arguments), None
     # Imported here: it reads bags, which a run without one need not wait for.
     from rig_bringup.replay import Replay
 
     replay = Replay.of(arguments.user_from, arguments.scenario, overrides)
     return replay.checked, replay
+
+
+def _check_display(arguments: argparse.Namespace) -> None:
+    if arguments.display and arguments.user_from is not None:
+        raise ScenarioError("--display and --user-from: either a person pushes or a recording does; leave one out")
+    if not arguments.display and any(value is not None for value in (arguments.port, arguments.host, arguments.token)):
+        raise ScenarioError("--port, --host and --token are for --display; add it")
+
+
+def _place_display(checked: Checked, arguments: argparse.Namespace) -> Checked:
+    """The display's address from the command line on top of the scenario's, and a token where one is needed."""
+    if checked.display is None:
+        return checked
+    if checked.loop.pacing != "realtime":
+        raise ScenarioError("--display: a person cannot be hurried, so pacing must be realtime, not lockstep")
+    given = {"host": arguments.host, "port": arguments.port}
+    display = {**checked.display, **{key: value for key, value in given.items() if value is not None}}
+    from rig_display.gate import Gate, is_loopback
+
+    if arguments.token is None and not is_loopback(display["host"]):
+        arguments.token = os.environ.get("RIG_DISPLAY_TOKEN") or secrets.token_urlsafe()
+    try:
+        build(DisplayConfig, display, "command line")
+        Gate(display["host"], arguments.token or "")
+    except ParameterError as error:
+        raise ScenarioError(str(error)) from None
+    return replace(checked, display=display)
+
+
+def _invitation(display: dict[str, Any], arguments: argparse.Namespace) -> str:
+    host = socket.gethostname() if display["host"] in ("0.0.0.0", "::") else display["host"]
+    address = f"http://{f'[{host}]' if ':' in host else host}:{display['port']}"
+    end = f"?token={quote(arguments.token)}" if arguments.token else ""
+    return (
+        f"driver    {address}/{end}\n"
+        f"operator  {address}/operator{end}\n"
+        "Take control and press Start; the trial waits for it."
+    )
 
 
 def _make_folder(given: Path | None, name: str) -> Path:
@@ -98,7 +160,14 @@ def _write_parameters(out: Path, bag: Path, checked: Checked) -> list[Path]:
         "/**/task_sim": {
             "scenario": checked.scenario.name,
             "configuration_hash": checked.digest(),
-            "required_nodes": ["user_sim", "mig_filter", "admittance_sim", "recorder"],
+            "required_nodes": [
+                "user_sim" if checked.display is None else "display",
+                "mig_filter",
+                "admittance_sim",
+                "recorder",
+            ],
+            # With a person the trial begins from the page.
+            "autostart": checked.display is None,
             "ready_timeout": _READY_LIMIT,
         },
         "/**/recorder": {"uri": str(bag), "attachments": [str(out / "scenario.yaml"), *_recordings(checked)]},
@@ -124,6 +193,9 @@ def _command(compose: bool, files: list[Path], namespace: str) -> list[str]:
 
 def _run(arguments: argparse.Namespace, files: list[Path], out: Path) -> int:
     environment = {"RIG_NAMESPACE": arguments.namespace}
+    if arguments.display:
+        # By the environment, since the files of a run are kept and a token is not to be.
+        environment |= {"RIG_USER": "display", "RIG_DISPLAY_TOKEN": arguments.token or ""}
     command = _command(arguments.compose, files, arguments.namespace)
     try:
         with GraphProcess(command, out / "graph.log", environment) as graph:

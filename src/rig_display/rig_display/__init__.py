@@ -1,0 +1,1 @@
+"""A person at the rig: a browser page shows the task live, and the hand on it is the force sensor."""

@@ -1,0 +1,77 @@
+"""What an operator does to the graph: its trial services and the filter's parameters, asked without waiting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.client import Client
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.task import Future
+
+from mig_interfaces.srv import AbortTrial, StartTrial
+from rig_runtime import topics
+from rig_runtime.node import RigNode
+
+__all__ = ["FILTER", "GraphDesk"]
+
+FILTER = "mig_filter"
+
+Done = Callable[[bool, str], None]
+
+
+class GraphDesk:
+    """Calls services of the graph. May be used from any thread: the node's executor does the work."""
+
+    def __init__(self, node: RigNode) -> None:
+        self._node = node
+        self._starter = node.create_client(StartTrial, topics.START_SERVICE)
+        self._aborter = node.create_client(AbortTrial, topics.ABORT_SERVICE)
+        self._setter = node.create_client(SetParameters, f"{FILTER}/set_parameters")
+        self._getter = node.create_client(GetParameters, f"{FILTER}/get_parameters")
+
+    def start(self, fields: dict[str, Any], done: Done) -> None:
+        """`trial/start`."""
+        self._ask(self._starter, StartTrial.Request(**fields), done, lambda answer: (answer.success, answer.message))
+
+    def abort(self, reason: str, done: Done) -> None:
+        """`trial/abort`."""
+        request = AbortTrial.Request(reason=reason)
+        self._ask(self._aborter, request, done, lambda answer: (answer.success, answer.message))
+
+    def set_mode(self, mode: str, done: Done) -> None:
+        """The filter's parameter `mode`."""
+        request = SetParameters.Request(parameters=[Parameter("mode", value=mode).to_parameter_msg()])
+
+        def read(answer: SetParameters.Response) -> tuple[bool, str]:
+            result = answer.results[0]
+            return result.successful, result.reason or f"the filter's mode is {mode}"
+
+        self._ask(self._setter, request, done, read)
+
+    def read_filter(self, found: Callable[[str, tuple[float, ...]], None]) -> None:
+        """Ask the filter for its mode and target, and hand them to `found`; nothing happens if it is not there."""
+        if not self._getter.service_is_ready():
+            return
+
+        def read(future: Future[GetParameters.Response]) -> None:
+            answer = future.result()
+            if answer is not None and len(answer.values) == 2:
+                mode, target = map(parameter_value_to_python, answer.values)
+                found(mode, tuple(target or ()))
+
+        self._getter.call_async(GetParameters.Request(names=["mode", "target"])).add_done_callback(read)
+
+    def _ask(self, client: Client[Any, Any], request: Any, done: Done, read: Callable[[Any], tuple[bool, str]]) -> None:
+        def ask() -> None:
+            if not client.service_is_ready():
+                done(False, f"nobody serves {client.srv_name}; is the graph complete?")
+                return
+            client.call_async(request).add_done_callback(lambda future: done(*read(future.result())))
+
+        executor = self._node.executor
+        if executor is None:
+            done(False, "the display is not being served")
+        else:
+            executor.create_task(ask)

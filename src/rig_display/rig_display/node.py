@@ -1,0 +1,200 @@
+"""The shell around the hand on the page: a state in, the hand's force out; everything else is for the eyes."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+
+from mig_interfaces.msg import FilterDecision, NodeReport, RecorderState, TaskState, TrialState
+from rig_display.desk import GraphDesk
+from rig_display.drawing import scene
+from rig_display.feed import Feed
+from rig_display.gate import Gate
+from rig_display.hand import STALLED, Hand
+from rig_display.latency import Window
+from rig_display.parameters import DisplayConfig
+from rig_display.seat import Seat
+from rig_display.server import PageServer, ServerError
+from rig_runtime import topics
+from rig_runtime.node import RigNode
+from rig_runtime.ticks import to_nanoseconds
+from shared_control.parameters import ParameterError
+from shared_control.scenario import LoopConfig
+
+CONFIGURATIONS = (LoopConfig, DisplayConfig)
+
+#: [s] How often it is looked whether the hand has become silent, so that diagnostics say so when it happens.
+_WATCH_PERIOD = 0.1
+
+
+class DisplayNode(RigNode):
+    """`task/state` in, `force_sensor/wrench` out, in place of `user_sim`; serves the pages.
+
+    Raises
+    ------
+    ParameterError: lockstep, an address without its token, a port that is taken, limits that are not three.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("display", *CONFIGURATIONS, **kwargs)
+        loop, config = self.parameters.get(LoopConfig), self.parameters.get(DisplayConfig)
+        if loop.pacing != "realtime":
+            raise ParameterError(f"display: pacing {loop.pacing!r} is not allowed; a person needs pacing: realtime")
+        self._loop, self._config = loop, config
+        self._task = loop.make_task()
+        self.hand = Hand(self._limits(), to_nanoseconds(config.stale_after))
+        self.feed = Feed()
+        self.latency = Window()
+        self._desk = GraphDesk(self)
+        self.seat = Seat(config, self.hand, self.feed, self._desk, self.latency, self._describe)
+        token = config.token or os.environ.get("RIG_DISPLAY_TOKEN", "")
+        self.server = PageServer(config, Gate(config.host, token), self.seat)
+        self.feed.wake = self.server.wake
+        self.parameters.on_change(self._reconfigure)
+        self._reason = ""
+        self._zeroed_ticks = 0
+        self._wrench = WrenchStamped()
+        self._wrench.header.frame_id = topics.SENSOR_FRAME
+        self._publisher = self.loop_publisher(topics.WRENCH)
+        self.loop_subscription(topics.TASK_STATE, self._on_state)
+        self.loop_subscription(topics.DECISION, self._on_decision)
+        recorder = topics.RECORDER_STATE
+        self.create_subscription(recorder.type, recorder.name, self._on_recorder, recorder.qos)
+        self.create_timer(_WATCH_PERIOD, self._watch, clock=self.steady)
+
+    # -- life ----------------------------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        try:
+            self.server.start()
+        except ServerError as error:
+            raise ParameterError(str(error)) from error
+        self.get_logger().info(f"the page is at {self.address}")
+
+    @property
+    def address(self) -> str:
+        """Where a browser on this machine finds the page."""
+        host = self._config.host if self._config.host not in ("0.0.0.0", "::") else "127.0.0.1"
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.port}/"
+
+    def destroy_node(self) -> None:
+        self.server.stop()
+        super().destroy_node()
+
+    def arm(self, trial: TrialState) -> None:
+        self.latency.clear()
+        self._zeroed_ticks = 0
+
+    def follow_trial(self, trial: TrialState) -> None:
+        super().follow_trial(trial)
+        self.feed.put_trial(trial)
+        self.server.call(self.seat.on_change)
+        if trial.phase <= TrialState.PHASE_ARMING:
+            self._desk.read_filter(self._on_filter)
+
+    def make_report(self) -> NodeReport:
+        report = super().make_report()
+        if self.seat.driver is None:
+            # Said in trial/state while a trial waits for it, however it was begun.
+            report.error = f"nobody drives yet; the page is at {self.address}"
+        return report
+
+    def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
+        seat, hand, pointer = self.seat, self.hand, self.latency.spread()
+        driver = seat.driver
+        values: dict[str, object] = {
+            "ticks": self.ticks_done,
+            "ticks without a hand": self._zeroed_ticks,
+            "zero because": self._reason,
+            "pages": len(seat.clients),
+            "messages refused": seat.refused,
+            "forces clipped": hand.clipped,
+            "pointer to wrench p50 [ms]": round(pointer.p50, 3),
+            "pointer to wrench p99 [ms]": round(pointer.p99, 3),
+            "pointer to wrench largest [ms]": round(pointer.largest, 3),
+        }
+        if driver is not None:
+            values |= {
+                "state to drawn p50 [ms]": driver.drawn.p50,
+                "state to drawn p99 [ms]": driver.drawn.p99,
+                "state to drawn largest [ms]": driver.drawn.largest,
+                "round trip [ms]": driver.round_trip,
+                "frames [1/s]": driver.frames,
+            }
+        bad = hand.stopped_by or self._reason == STALLED
+        return DiagnosticStatus.WARN if bad else DiagnosticStatus.OK, self._reason or "a hand is on the page", values
+
+    # -- the loop ------------------------------------------------------------------------------------------------
+
+    def _on_state(self, state: TaskState) -> None:
+        received = time.monotonic_ns()
+        sample = self.hand.take(received)
+        wrench = self._wrench
+        wrench.header.stamp = state.header.stamp
+        wrench.wrench.force.x, wrench.wrench.force.y, wrench.wrench.force.z = sample.force
+        self._publisher.publish(wrench)
+        published = time.monotonic_ns()
+        self.ticks_done += 1
+        self._zeroed_ticks += bool(sample.reason)
+        latency = None
+        for event in sample.events:
+            latency = round(1e-6 * (published - event), 3)
+            self.latency.add(latency)
+        self.feed.put_state(state, sample, received, latency)
+
+    def _on_decision(self, decision: FilterDecision) -> None:
+        self.feed.put_decision(decision)
+
+    def _on_recorder(self, state: RecorderState) -> None:
+        self.feed.put_recorder(state)
+
+    def _watch(self) -> None:
+        reason = self.hand.reason(time.monotonic_ns())
+        if reason != self._reason:
+            self._reason = reason
+            self.publish_diagnostics()
+            self.server.call(self.seat.on_change)
+
+    # -- what the pages are told ---------------------------------------------------------------------------------
+
+    def _on_filter(self, mode: str, target: tuple[float, ...]) -> None:
+        self.feed.mode = mode
+        if target != self.feed.target:
+            self.feed.target = target
+            self.server.call(self.seat.describe_again)
+
+    def _reconfigure(self) -> None:
+        self.seat.feedback = self.parameters.get(DisplayConfig).feedback
+        self.server.call(self.seat.on_change)
+
+    def _limits(self) -> tuple[float, float, float]:
+        given = self._config.force_limits
+        if len(given) not in (0, 3):
+            raise ParameterError(f"force_limits: {given!r} is not allowed; it must be three numbers, along x, y, z [N]")
+        x, y, z = (
+            given or self._task.wrench_from_control(np.array(self._task.control_limits), self._loop.robot).tolist()
+        )
+        return abs(x), abs(y), abs(z)
+
+    def _describe(self) -> dict[str, Any]:
+        task, config = self._task, self._config
+        return {
+            "type": "task",
+            "name": task.name,
+            "states": [list(pair) for pair in zip(task.state_names, task.state_units, strict=True)],
+            "angles": list(task.angles),
+            "initial": task.initial_state.tolist(),
+            "scene": scene(task, self.feed.target),
+            "sample": self._loop.sample_time,
+            "dwell": task.success_dwell,
+            "limits": list(self.hand.limits),
+            "hand": config.hand,
+            "stiffness": config.spring_stiffness,
+            "damping": config.spring_damping,
+            "driver_starts": config.driver_starts,
+        }

@@ -1,0 +1,149 @@
+// The hand: pointer, touch, keyboard and gamepad as one force [N], sampled with the time of its newest event.
+
+const PERIOD = 8; // ms between two messages: 125 a second, whatever the screen does
+const LEAST_GAP = 3; // ms between two messages of a fast mouse
+const REACH = 0.24; // of the smaller side: how far a drag goes to the limit
+const DEAD = 0.08; // of a gamepad's stick
+const KEYS = {
+  ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1],
+  KeyA: [-1, 0], KeyD: [1, 0], KeyW: [0, 1], KeyS: [0, -1],
+};
+
+export class Hand {
+  // element: what is pressed; world(x, y): a position on it in the world [m]; newest(): the newest row, or null.
+  constructor(link, element, world, newest) {
+    Object.assign(this, { link, element, world, newest });
+    this.task = null;
+    this.kind = "direct";
+    this.driving = false;
+    this.here = true; // visible and in focus
+    this.pressed = null; // { id, from, to } on the element
+    this.keys = new Set();
+    this.event = null; // ms, the newest event that has not been sent
+    this.sent = 0;
+    this.force = [0, 0, 0];
+    element.addEventListener("pointerdown", (event) => this.press(event));
+    const moves = "onpointerrawupdate" in window ? "pointerrawupdate" : "pointermove"; // not held back to the next frame
+    element.addEventListener(moves, (event) => this.move(event));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) element.addEventListener(end, (event) => this.lift(event));
+    element.addEventListener("contextmenu", (event) => event.preventDefault());
+    addEventListener("keydown", (event) => this.key(event, true));
+    addEventListener("keyup", (event) => this.key(event, false));
+    addEventListener("blur", () => this.drop("out of focus"));
+    addEventListener("pagehide", () => this.drop("leaving"));
+    addEventListener("focus", () => (this.here = !document.hidden));
+    document.addEventListener("visibilitychange", () => (document.hidden ? this.drop("hidden") : (this.here = true)));
+    setInterval(() => this.beat(), PERIOD);
+  }
+
+  // The page is not looked at: nothing is pushed, and the rig hears why at once.
+  drop(reason) {
+    this.here = false;
+    this.pressed = null;
+    this.keys.clear();
+    this.force = [0, 0, 0];
+    if (this.driving) this.link.say("idle", { reason });
+  }
+
+  place(event) {
+    const box = this.element.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
+
+  press(event) {
+    if (event.button !== 0 || this.pressed) return;
+    this.here = true;
+    this.element.setPointerCapture(event.pointerId);
+    const at = this.place(event);
+    this.pressed = { id: event.pointerId, from: at, to: at };
+    this.note(event);
+  }
+
+  move(event) {
+    if (this.pressed?.id !== event.pointerId) return;
+    this.pressed.to = this.place(event);
+    this.note(event);
+  }
+
+  lift(event) {
+    if (this.pressed?.id !== event.pointerId) return;
+    this.pressed = null;
+    this.note(event);
+  }
+
+  key(event, down) {
+    if (!(event.code in KEYS) || event.target.tagName === "INPUT" || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    if (down) this.keys.add(event.code);
+    else this.keys.delete(event.code);
+    this.hard = event.shiftKey;
+    if (!event.repeat) this.note(event);
+  }
+
+  // Something happened: it goes out now, unless a message went out just before.
+  note(event) {
+    this.event = event.timeStamp;
+    if (performance.now() - this.sent >= LEAST_GAP) this.send();
+  }
+
+  beat() {
+    if (performance.now() - this.sent >= PERIOD - 2) this.send();
+  }
+
+  get reach() {
+    return REACH * Math.min(this.element.clientWidth, this.element.clientHeight);
+  }
+
+  // Which force component up and down on the page is.
+  get upright() {
+    return this.task.limits[2] > 0 ? 2 : 1;
+  }
+
+  sample() {
+    const limits = this.task.limits;
+    const force = [0, 0, 0];
+    const share = (right, up) => {
+      force[0] += right * limits[0];
+      force[this.upright] += up * limits[this.upright];
+    };
+    if (this.pressed) {
+      const { from, to } = this.pressed;
+      const spring = this.task.scene.hand?.spring;
+      const row = this.newest();
+      if (this.kind === "spring" && spring && row) {
+        const { position, velocity } = spring;
+        force[0] += this.task.stiffness * (this.world(...to).x - row.state[position]) - this.task.damping * row.state[velocity];
+      } else {
+        share((to[0] - from[0]) / this.reach, (from[1] - to[1]) / this.reach);
+      }
+    }
+    const strength = this.hard ? 1 : 0.5;
+    for (const code of this.keys) share(KEYS[code][0] * strength, KEYS[code][1] * strength);
+    for (const pad of navigator.getGamepads?.() ?? []) {
+      if (!pad) continue;
+      const [x, y] = pad.axes.map((value) => (Math.abs(value) < DEAD ? 0 : value));
+      share(x ?? 0, -(y ?? 0));
+    }
+    return force.map((value, i) => Math.min(Math.max(value, -limits[i]), limits[i]));
+  }
+
+  send() {
+    if (!this.task) return;
+    const now = performance.now();
+    this.force = this.here ? this.sample() : [0, 0, 0];
+    this.sent = now;
+    if (!this.driving || !this.here) return;
+    const [x, y, z] = this.force;
+    const age = this.event === null ? null : Math.min(Math.max(now - this.event, 0), 60000);
+    this.event = null;
+    this.link.say("force", { x, y, z, t: now, age });
+  }
+
+  // A short pulse where the device has one: a phone, a gamepad.
+  pulse() {
+    navigator.vibrate?.(30);
+    for (const pad of navigator.getGamepads?.() ?? []) {
+      pad?.vibrationActuator?.playEffect?.("dual-rumble", { duration: 40, strongMagnitude: 0.7, weakMagnitude: 0.3 });
+    }
+  }
+}

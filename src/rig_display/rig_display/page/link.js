@@ -1,0 +1,67 @@
+// The socket to the rig: comes back by itself, knows the rig's clock, measures what the page shows.
+
+const SYNC_PERIOD = 1000; // ms
+
+export class Link extends EventTarget {
+  constructor(role) {
+    super();
+    this.role = role;
+    this.open = false;
+    this.roundTrip = NaN; // ms, the best of the last ones
+    this.offset = 0; // ms, the rig's clock minus performance.now()
+    this.drawn = []; // ms, state at the rig to drawn
+    this.frames = 0;
+    this.trips = [];
+    this.connect();
+    setInterval(() => this.measure(), SYNC_PERIOD);
+  }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+    this.socket = new WebSocket(`${scheme}//${location.host}/socket?as=${this.role}`);
+    this.socket.onopen = () => {
+      this.open = true;
+      this.trips = [];
+      this.say("sync", { t: performance.now() });
+      this.dispatchEvent(new Event("open"));
+    };
+    this.socket.onmessage = (event) => this.hear(JSON.parse(event.data), performance.now());
+    this.socket.onclose = (event) => {
+      this.open = false;
+      this.dispatchEvent(new CustomEvent("closed", { detail: event.reason }));
+      setTimeout(() => this.connect(), 500);
+    };
+  }
+
+  say(type, fields = {}) {
+    if (this.open) this.socket.send(JSON.stringify({ type, ...fields }));
+  }
+
+  hear(message, now) {
+    if (message.type === "sync") {
+      // The fastest of the last exchanges says best how the clocks stand.
+      this.trips.push({ trip: now - message.t, offset: message.now * 1e-6 - 0.5 * (now + message.t) });
+      if (this.trips.length > 10) this.trips.shift();
+      const best = this.trips.reduce((a, b) => (b.trip < a.trip ? b : a));
+      [this.roundTrip, this.offset] = [best.trip, best.offset];
+      return;
+    }
+    this.dispatchEvent(new CustomEvent(message.type, { detail: message }));
+  }
+
+  // What the rig's clock [ns] was at a moment of this page's clock [ms].
+  toPage(nanoseconds) {
+    return nanoseconds * 1e-6 - this.offset;
+  }
+
+  measure() {
+    this.say("sync", { t: performance.now() });
+    const sorted = this.drawn.sort((a, b) => a - b);
+    const at = (share) => Math.max(0, Math.min(sorted[Math.ceil(share * sorted.length) - 1], 60000));
+    if (sorted.length && Number.isFinite(this.roundTrip)) {
+      this.say("stats", { rtt: this.roundTrip, drawn50: at(0.5), drawn99: at(0.99), drawnmax: at(1), fps: Math.min(this.frames, 1000) });
+    }
+    this.drawn = [];
+    this.frames = 0;
+  }
+}

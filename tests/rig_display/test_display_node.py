@@ -1,0 +1,257 @@
+"""The display's node on real topics, with pages that are no browsers."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
+import aiohttp
+import pytest
+from loop_messages import SAMPLE
+from page_client import Web
+
+from mig_interfaces.msg import FilterDecision, TrialState
+from mig_interfaces.srv import AbortTrial, StartTrial
+from rig_display.hand import STALLED, STOPPED
+from rig_display.node import DisplayNode
+from rig_runtime import topics
+from shared_control.parameters import ParameterError
+
+TOKEN = "a-token-of-the-tests"
+
+
+def drive(bench: Any, web: Web) -> Any:
+    """A page that drives and holds nothing yet."""
+    page = web.page(bench.node)
+    page.say("drive")
+    bench.until(lambda: page.status.get("driving"))
+    return page
+
+
+def test_the_hand_arrives_clipped_with_the_stamp_of_its_tick(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    assert at.tick().wrench.force.x == 0.0
+    page = drive(at, web)
+    page.hold(12.5)
+    at.until_force(12.5)
+    page.hold(-1000.0, z=7.0)
+    # The cart takes 20 m/s^2 of 2 kg along x, and nothing along z.
+    at.until_force(-40.0)
+    assert at.wrenches[-1].header.frame_id == topics.SENSOR_FRAME
+    assert at.node.latency.spread().count > 0
+    at.until(lambda: len(page.ticks) > 3)
+    assert page.ticks[-1][7] == [-40.0, 0.0, 0.0]
+
+
+def test_a_hand_that_falls_silent_pushes_nothing(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("stale_after:=0.3")
+    page = drive(at, web)
+    page.hold(10.0)
+    at.until_force(10.0)
+    page.drop()
+    at.until_force(0.0)
+    at.until(lambda: page.status["hand"]["reason"] == STALLED)
+    page.hold(11.0)
+    at.until_force(11.0)
+
+
+@pytest.mark.parametrize(("what", "words"), [("hidden", "hidden"), ("out of focus", "focus")])
+def test_a_page_that_says_so_pushes_nothing_at_once(bench: Callable[..., Any], web: Web, what: str, words: str) -> None:
+    at = bench()
+    page, operator = drive(at, web), web.page(at.node, operator=True)
+    page.hold(10.0)
+    at.until_force(10.0)
+    page.drop()
+    page.say("idle", reason=what)
+    at.until_force(0.0)
+    at.until(lambda: words in operator.status["hand"]["reason"])
+
+
+def test_a_page_that_is_gone_pushes_nothing_and_its_seat_is_free(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    page, other = drive(at, web), web.page(at.node)
+    page.hold(10.0)
+    at.until_force(10.0)
+    other.say("drive")
+    at.until(lambda: bool(other.notes))
+    assert "somebody else drives" in other.notes[0]["text"]
+    other.hold(-30.0)
+    at.until(lambda: other.status["watchers"] == 1)
+    assert at.tick().wrench.force.x == 10.0
+    page.close()
+    at.until_force(0.0)
+    at.until(lambda: "disconnected" in other.status["hand"]["reason"])
+    other.say("drive")
+    at.until_force(-30.0)
+
+
+def test_the_emergency_stop_holds_until_it_is_released(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("driver_starts:=false")
+    page, operator = drive(at, web), web.page(at.node, operator=True)
+    page.hold(10.0)
+    at.until_force(10.0)
+    operator.say("stop")
+    at.until_force(0.0)
+    at.until(lambda: page.status["hand"] == {**page.status["hand"], "reason": STOPPED, "stopped": "the operator"})
+    page.say("release")
+    at.until(lambda: bool(page.notes))
+    assert "only an operator" in page.notes[-1]["text"]
+    for _ in range(20):
+        assert at.tick().wrench.force.x == 0.0
+    operator.say("release")
+    at.until(lambda: "let go" in page.status["hand"]["reason"])
+    assert at.tick().wrench.force.x == 0.0
+    page.hold(0.0)
+    at.until(lambda: page.status["hand"]["reason"] == "")
+    page.hold(10.0)
+    at.until_force(10.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("not json", aiohttp.WSCloseCode.POLICY_VIOLATION),
+        ('{"type":"force","x":NaN,"y":0,"z":0,"t":1,"age":null}', aiohttp.WSCloseCode.POLICY_VIOLATION),
+        ('{"type":"abort","reason":"' + 5000 * "x" + '"}', aiohttp.WSCloseCode.MESSAGE_TOO_BIG),
+    ],
+)
+def test_what_no_page_sends_closes_the_connection_and_nothing_else(
+    bench: Callable[..., Any], web: Web, text: str, code: int
+) -> None:
+    at = bench()
+    page, watcher = drive(at, web), web.page(at.node)
+    page.hold(10.0)
+    at.until_force(10.0)
+    page.drop()
+    page.say_text(text)
+    at.until(lambda: page.over)
+    assert page.close_code == code
+    at.until_force(0.0)
+    at.until(lambda: watcher.status["refused"] == 1)
+    again = drive(at, web)
+    again.hold(3.0)
+    at.until_force(3.0)
+
+
+def test_too_many_messages_close_the_connection(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("message_rate:=20.0")
+    page = drive(at, web)
+    with contextlib.suppress(aiohttp.ClientError, ConnectionError):
+        while not page.over:
+            page.push(1.0)
+    assert page.close_code == aiohttp.WSCloseCode.POLICY_VIOLATION
+    assert at.node.seat.refused == 1
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", ""])
+def test_another_origin_is_refused(bench: Callable[..., Any], web: Web, origin: str) -> None:
+    at = bench()
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        web.page(at.node, Origin=origin)
+    assert refused.value.status == 403
+
+
+def test_another_name_for_this_machine_is_refused(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    assert web.get(at.node.address, Host="evil.example")[0] == 403
+    status, text, headers = web.get(at.node.address)
+    assert status == 200
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    for outside in ("http://", "https://", "//cdn", "<style", "style=", "onclick"):
+        assert outside not in text
+    assert web.get(at.node.address + "static/..%2fnode.py")[0] == 404
+    assert web.get(at.node.address + "static/index.html")[0] == 404
+
+
+def test_a_token_is_asked_for_and_leaves_the_address(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("host:=0.0.0.0", f"token:={TOKEN}")
+    for wrong in ("", "?token=wrong", "operator", "socket"):
+        status, text, _ = web.get(at.node.address + wrong)
+        assert status == 403
+        assert TOKEN not in text
+    with pytest.raises(aiohttp.WSServerHandshakeError):
+        web.page(at.node)
+    status, text, _ = web.get(f"{at.node.address}?token={TOKEN}")
+    assert status == 200
+    assert "<canvas" in text
+    drive(at, web).hold(4.0)
+    at.until_force(4.0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        (("host:=0.0.0.0",), "needs a token"),
+        (("host:=0.0.0.0", "token:=short"), "can be guessed"),
+        (("pacing:=lockstep",), "realtime"),
+        (("force_limits:=[1.0]",), "three numbers"),
+        (("hand:=foot",), "direct, spring"),
+    ],
+)
+def test_bad_parameters_are_one_sentence(single_graph: Any, parameters: tuple[str, ...], words: str) -> None:
+    with pytest.raises(ParameterError, match=words):
+        single_graph.make(DisplayNode, *parameters)
+
+
+def test_a_port_that_is_taken_is_named(bench: Callable[..., Any]) -> None:
+    at = bench()
+    with pytest.raises(ParameterError, match=f"port {at.node.server.port}"):
+        at.graph.make(DisplayNode, f"port:={at.node.server.port}")
+
+
+def test_pages_are_shown_the_trial_and_what_the_filter_decides(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    page = web.page(at.node)
+    trial = TrialState(phase=TrialState.PHASE_ARMING, uid=3, subject="S1", trial=4, ticks_planned=3000)
+    trial.sample_time.nanosec = SAMPLE
+    at.trials.publish(trial)
+    at.until(lambda: page.status.get("trial", {}).get("subject") == "S1")
+    assert page.status["trial"]["phase"] == "arming"
+    assert page.status["trial"]["duration"] == 30.0
+    assert page.heard["task"]["states"][0] == ["theta", "rad"]
+    assert page.heard["task"]["limits"] == [40.0, 0.0, 0.0]
+    # A trial waits for somebody to drive, and says so.
+    assert "nobody drives" in at.node.make_report().error
+    decision = FilterDecision(tick=0, verdict=FilterDecision.VERDICT_REJECTED, criterion=float("nan"), mode=1)
+    at.decisions.publish(decision)
+    at.until(lambda: at.node.feed.mode == "training")
+    at.tick()
+    at.until(lambda: bool(page.decisions))
+    assert page.decisions[0][:4] == [0, 1, 0, None]
+    drive(at, web)
+    assert at.node.make_report().error == ""
+
+
+def test_an_operator_starts_and_aborts_and_only_with_a_driver(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("countdown:=0.05")
+    asked: list[Any] = []
+
+    def start(request: StartTrial.Request, response: StartTrial.Response) -> StartTrial.Response:
+        asked.append(request)
+        response.success, response.message = True, "being armed"
+        return response
+
+    def abort(request: AbortTrial.Request, response: AbortTrial.Response) -> AbortTrial.Response:
+        asked.append(request)
+        response.message = "no trial is going on"
+        return response
+
+    at.graph.node.create_service(StartTrial, topics.START_SERVICE, start)
+    at.graph.node.create_service(AbortTrial, topics.ABORT_SERVICE, abort)
+    at.until(lambda: at.node._desk._starter.service_is_ready() and at.node._desk._aborter.service_is_ready())
+    operator, watcher = web.page(at.node, operator=True), web.page(at.node)
+    fields = {"subject": "S7", "group": "", "set": "a", "trial": 2, "duration": 10.0}
+    operator.say("start", **fields)
+    at.until(lambda: bool(operator.notes))
+    assert "nobody drives" in operator.notes[-1]["text"]
+    watcher.say("start", **fields)
+    at.until(lambda: bool(watcher.notes))
+    assert not asked
+    drive(at, web)
+    operator.say("start", **fields)
+    at.until(lambda: bool(asked) and operator.notes[-1]["text"] == "being armed")
+    assert (asked[0].subject, asked[0].set, asked[0].trial, asked[0].duration) == ("S7", "a", 2, 10.0)
+    operator.say("abort", reason="enough")
+    at.until(lambda: operator.notes[-1]["text"] == "no trial is going on")
+    assert asked[1].reason == "enough"
