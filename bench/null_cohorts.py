@@ -1,7 +1,7 @@
 """False-positive rate of the interaction of group and set over null cohorts, by the whole analysis of variance.
 
 Each cohort is 28 subjects in groups of 10 and 18 whose success in thirty trials of sets 1 and 3 is binomial, with a
-chance of each subject's own that rises by the same in both groups; what is tested is the success rate, which is not normal.
+chance of each subject's own that rises in both groups alike; what is tested is the success rate, which is not normal.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Skill is a subject's mean over the first set, all trials or the last ten; PRA is of single trials under the filter, as
 in the paper, and of subjects' means beside it, for trials of one subject are not independent. Group and set are
-compared by subjects' means over the first and the last set. p-values of one family (one kind of question over all measures) are
-corrected by Holm's method.
+compared by subjects' means over the first and the last set. p-values of one family (one kind of question over all
+measures) are corrected by Holm's method.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from rig_study.effect_sizes import eta_interval
 from rig_study.statistics import StatisticsError, holm, normality, paired_t, pearson, two_sample_t
 from rig_study.statistics_anova import cells, factorial_anova, mixed_anova
 from rig_study.tables import subjects
@@ -110,7 +111,11 @@ def _anova(which: Callable[..., Any], means: pd.DataFrame, measure: str, sets: t
         if math.isfinite(mauchly[0])
         else "sphericity cannot fail with two sets"
     )
-    return {"effects": {row.effect: row._asdict() for row in found.effects}, "remarks": remarks}
+    effects = {}
+    for row in found.effects:
+        low, high = eta_interval(row.f, row.df, row.error_df)
+        effects[row.effect] = {**row._asdict(), "eta_low": low, "eta_high": high}
+    return {"effects": effects, "remarks": remarks}
 
 
 def _paired(means: pd.DataFrame, measure: str, sets: tuple[str, str]) -> dict[str, dict[str, Any]]:
