@@ -22,7 +22,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from rig_study.effect_sizes import eta_interval
 from rig_study.statistics import StatisticsError, normality
 
 __all__ = ["Anova", "Cells", "Effect", "cells", "factorial_anova", "mixed_anova"]
@@ -48,9 +47,7 @@ class Effect(NamedTuple):
     error_df: float
     f: float
     p: float
-    eta: float  # partial eta squared
-    eta_low: float
-    eta_high: float
+    eta: float  # partial eta squared; its interval: :func:`rig_study.effect_sizes.eta_interval`
 
 
 class Anova(NamedTuple):
@@ -140,8 +137,7 @@ def _effect(name: str, ss: float, df: int, error: float, error_df: int) -> Effec
     if error <= 0.0:
         raise StatisticsError(f"effect of {name}: the error has no spread; there is no F")
     f = (ss / df) / (error / error_df)
-    low, high = eta_interval(f, df, error_df)
-    return Effect(name, ss, df, error_df, f, float(stats.f.sf(f, df, error_df)), ss / (ss + error), low, high)
+    return Effect(name, ss, df, error_df, f, float(stats.f.sf(f, df, error_df)), ss / (ss + error))
 
 
 def mixed_anova(data: Cells) -> Anova:

@@ -1,0 +1,136 @@
+"""Figures of a study and of many trials: groups by set, PRA against skill, convergence, conditions compared."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from rig_study.figure_style import LINES, SUCCESS, VERDICT_COLOURS, axes, label, plain, row, spans, wrapped
+from rig_study.recorded import RecordedTrial
+from rig_study.study_statistics import MEASURES
+
+__all__ = ["comparison", "convergence", "example", "group_bars", "rejection_and_skill", "stars"]
+
+#: A group is told by its grey as well as by its colour, and by its hatch.
+_GROUPS = ((LINES[1], ""), ("#F0E442", "//"), (LINES[4], "xx"), (LINES[2], ".."))
+
+
+def stars(p: float | None) -> str:
+    """The marks of the paper: * p < 0.05, ** p < 0.01, *** p < 0.001."""
+    return "" if p is None else "*" * sum(p < level for level in (0.05, 0.01, 0.001))
+
+
+def group_bars(means: pd.DataFrame, statistics: dict[str, Any]) -> Figure:
+    """Mean and standard error of each measure, by group and set; marks of the groups' difference (Welch, Holm)."""
+    measures = [name for name in MEASURES if name in means]
+    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
+    panels = figure.subplots(2, 2, squeeze=False).ravel()
+    sets, groups = sorted(set(means["set"])), sorted(set(means["group"]))
+    for ax, measure in zip(panels, measures, strict=False):
+        plain(ax)
+        width, tops = 0.8 / len(groups), np.zeros(len(sets))
+        for g, group in enumerate(groups):
+            its = means[means["group"] == group].groupby("set")[measure]
+            mean, error = its.mean().reindex(sets), its.sem().reindex(sets).fillna(0.0)
+            colour, hatch = _GROUPS[g % len(_GROUPS)]
+            places = np.arange(len(sets)) + (g - 0.5 * (len(groups) - 1)) * width
+            ax.bar(
+                places, mean, width, yerr=error, color=colour, hatch=hatch, edgecolor="#222222", lw=0.8, capsize=4,
+                label=group,
+            )  # fmt: skip
+            tops = np.fmax(tops, (mean + error).to_numpy())
+        for place, (set_, top) in enumerate(zip(sets, tops, strict=True)):
+            for name, test in statistics.get("two_sample", {}).items():
+                if name.startswith(f"{measure}, {set_},"):
+                    ax.text(place, top, stars(test.get("p_holm")), ha="center", va="bottom", fontsize="large")
+        ax.set_xticks(range(len(sets)), sets)
+        ax.margins(y=0.15)
+        label(ax, *MEASURES[measure])
+    for ax in panels[len(measures) :]:
+        ax.set_visible(False)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(groups), frameon=False)
+    return figure
+
+
+def rejection_and_skill(trials: pd.DataFrame, first: str) -> Figure | None:
+    """PRA of each filtered trial against the subject's success rate in the first set; the line of least squares."""
+    filtered = trials[(trials["mode"] != "off") & trials["pra"].notna()]
+    skill = trials[trials["set"] == first].astype({"success": float}).groupby("subject")["success"].mean()
+    filtered = filtered[filtered["subject"].isin(skill.index)]
+    if filtered.empty:
+        return None
+    x, y = skill.loc[filtered["subject"]].to_numpy(), filtered["pra"].to_numpy()
+    figure, (ax,) = row(1, 4.2, 7.0)
+    ax.plot(x, y, "o", ms=5, mfc="none", color=LINES[0], alpha=0.6, label="one trial")
+    if np.ptp(x) > 0.0:
+        slope, offset = np.polyfit(x, y, 1)
+        ends = np.array([x.min(), x.max()])
+        ax.plot(ends, offset + slope * ends, color=LINES[2], lw=2, label=f"least squares, slope {slope:.2f}")
+    ax.set_xlabel(f"success rate in {first}, without filter")
+    ax.set_ylabel("PRA under the filter")
+    ax.legend(frameon=False)
+    return figure
+
+
+def convergence(trials: pd.DataFrame) -> Figure | None:
+    """The first two states of every trial over time, with median and quartiles; for tables with traces."""
+    names = [column for column in trials.columns if column.startswith("trace.")]
+    if not names:
+        return None
+    shown = [names[0], names[2]] if len(names) > 2 else names
+    figure, panels = axes(len(shown), 2.2)
+    step = float(trials["trace_step"].iloc[0])
+    for ax, name in zip(panels, shown, strict=True):
+        runs = [np.asarray(values, dtype=float) for values in trials[name]]
+        angle = name == "trace.theta"
+        for values in runs:
+            ax.plot(
+                step * np.arange(len(values)), wrapped(values) if angle else values, color="#666666", lw=0.5, alpha=0.35
+            )
+        length = min(map(len, runs))
+        table = np.array([values[:length] for values in runs])
+        if angle:
+            # Of an angle the magnitude says how far it is from upright.
+            table = np.abs(np.arctan2(np.sin(table), np.cos(table)))
+        low, middle, high = np.percentile(table, [25, 50, 75], axis=0)
+        time = step * np.arange(length)
+        ax.fill_between(time, low, high, color=LINES[1], alpha=0.35, lw=0)
+        ax.plot(time, middle, color=LINES[1], lw=2)
+        label(ax, name.removeprefix("trace."), "rad" if angle else "")
+    panels[-1].set_xlabel("trial time [s]")
+    return figure
+
+
+def comparison(trials: pd.DataFrame, by: list[str], measures: list[str]) -> Figure:
+    """Mean and standard error of measures for each condition; the conditions ran the same seeds."""
+    figure, panels = row(len(measures), 3.6)
+    keys = trials[by].astype(str).agg("\n".join, axis=1)
+    order = list(dict.fromkeys(keys))
+    for ax, measure in zip(panels, measures, strict=True):
+        its = trials.assign(**{measure: trials[measure].astype(float)}).groupby(keys)[measure]
+        mean, error = its.mean().reindex(order), its.sem().reindex(order).fillna(0.0)
+        ax.bar(range(len(order)), mean, yerr=error, color=LINES[1], edgecolor="#222222", lw=0.8, capsize=4)
+        ax.set_xticks(range(len(order)), order, rotation=0 if len(order) < 4 else 60, fontsize="small")
+        label(ax, *MEASURES.get(measure, (measure.replace("_", " "), "")))
+    return figure
+
+
+def example(trial: RecordedTrial) -> Figure:
+    """The user's control with what was allowed marked, and the first state with the success region in green."""
+    figure, (top, bottom) = axes(2, 2.2)
+    control = trial.user_control[:, 0]
+    allowed = np.where(trial.verdict == 0, control, np.nan)
+    top.step(trial.time, control, where="post", color="#888888", lw=0.5, label="user")
+    top.step(trial.time, allowed, where="post", color=VERDICT_COLOURS[1], lw=0.9, label="allowed")
+    label(top, trial.trial.control_names[0], trial.trial.control_units[0])
+    top.legend(loc="upper right", ncols=2, frameon=False)
+    for first, last in spans(trial.in_success_region):
+        bottom.axvspan(trial.time[first], trial.time[last - 1] + trial.sample_time, color=SUCCESS, lw=0)
+    bottom.plot(trial.time, trial.states[:, 0], color=LINES[0], lw=1)
+    label(bottom, trial.trial.state_names[0], trial.trial.state_units[0])
+    bottom.set_xlabel("trial time [s]")
+    return figure
