@@ -162,7 +162,7 @@ def _tests(tests: Mapping[str, Any]) -> str:
 
 def _correlations(tests: Mapping[str, Any]) -> str:
     rows = [
-        (name.replace("_", " "), row["error"], "", "", "")
+        (name, row["error"], "", "", "")
         if "error" in row
         else (
             name,
@@ -171,6 +171,6 @@ def _correlations(tests: Mapping[str, Any]) -> str:
             _p(row["p"]),
             _p(row["p_holm"]),
         )
-        for name, row in tests.items()
+        for name, row in ((key.replace("_", " "), row) for key, row in tests.items())
     ]
     return _table(("skill and PRA", "r (95 %)", "n", "p", "p, Holm"), rows)
