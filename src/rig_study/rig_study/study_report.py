@@ -23,8 +23,9 @@ _STYLE = """
         background: #fff }
  h1 { font-size: 1.6rem; margin-bottom: 0 } h2 { font-size: 1.2rem; margin-top: 2.2rem }
  table { border-collapse: collapse; margin: .7rem 0 1.4rem } caption { text-align: left; font-weight: 600 }
- th, td { padding: .15rem 1.4rem .15rem 0; text-align: right; border-bottom: 1px solid #ddd }
- th:first-child, td:first-child { text-align: left } th { color: #555; font-weight: 500 }
+ th, td { padding: .15rem 1.4rem .15rem 0; text-align: right; border-bottom: 1px solid #ddd;
+          white-space: nowrap }
+ th:first-child, td:first-child { text-align: left; white-space: normal } th { color: #555; font-weight: 500 }
  figure { margin: 0 0 1rem } svg { width: 100%; height: auto } figcaption, .note { color: #555; max-width: 60rem }
 """
 
@@ -148,7 +149,8 @@ def _anova(analyses: Mapping[str, Any]) -> str:
 
 def _tests(tests: Mapping[str, Any]) -> str:
     rows = []
-    for name, row in tests.items():
+    for key, row in tests.items():
+        name = key.replace("_", " ")
         if "error" in row:
             rows.append((name, row["error"], "", "", "", "", ""))
             continue
@@ -169,6 +171,6 @@ def _correlations(tests: Mapping[str, Any]) -> str:
             _p(row["p"]),
             _p(row["p_holm"]),
         )
-        for name, row in tests.items()
+        for name, row in ((key.replace("_", " "), row) for key, row in tests.items())
     ]
     return _table(("skill and PRA", "r (95 %)", "n", "p", "p, Holm"), rows)
