@@ -53,16 +53,21 @@ class HumanUser(MpcUser):
     def intend(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Control (m,)."""
         self._seen.append((np.array(x), task_mode))
-        seen, mode = self._seen[0]
-        now = np.array(seen)
-        # At the start of a trial less has been done than the delay holds.
-        for u in list(self._done)[len(self._done) - len(self._seen) + 1 :]:
-            mode = self._model.advance(now, u, mode)
+        now, mode = self._bridge() if self.plans(tick) else self._seen[0]
         command = self._skill * super().intend(tick, time, now, mode) + (1.0 - self._skill) * self._noise.at(tick)
         self._muscle = self._muscle + self._follow * (command - self._muscle)
         self._done.append(self._muscle)
         noisy: Array = self._muscle * (1.0 + MOTOR_NOISE * self._motor.standard_normal(len(command)))
         return noisy
+
+    def _bridge(self) -> tuple[Array, int | None]:
+        """Where what has been done since takes the state that is seen."""
+        seen, mode = self._seen[0]
+        now = np.array(seen)
+        # At the start of a trial less has been done than the delay holds.
+        for u in list(self._done)[len(self._done) - len(self._seen) + 1 :]:
+            mode = self._model.advance(now, u, mode)
+        return now, mode
 
     def reset(self, seed: int) -> None:
         """At rest, having seen nothing."""

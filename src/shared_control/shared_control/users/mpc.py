@@ -16,10 +16,13 @@ __all__ = ["GradedUser", "MpcUser"]
 
 
 class MpcUser:
-    """u = first control of the schedule that minimises the preset's J from what the user sees."""
+    """u = control of the present tick in the schedule that minimises the preset's J from what the user saw when it was
+    made: at every tick, or every ``replan`` ticks.
+    """
 
     def __init__(self, task: Task, config: UserConfig, robot: Robot, seed: int, sample_time: float) -> None:
         self._task, self._robot = task, robot
+        self._replan = config.replan
         self._preset = preset = presets.get(task.name, config.preset)
         believed = tasks.parse(config.model_parameters)
         self.model = tasks.get(task.name, **{**task.parameters._asdict(), **believed})
@@ -35,9 +38,15 @@ class MpcUser:
         """Force for the control that the user intends."""
         return self._task.wrench_from_control(self.intend(tick, time, x, task_mode), self._robot)
 
+    def plans(self, tick: int) -> bool:
+        """Whether the user makes a new plan at a tick."""
+        return tick % self._replan == 0
+
     def intend(self, tick: int, time: float, x: Array, task_mode: int | None = None) -> Array:
         """Control (m,)."""
         self._controller.advance()
+        if not self.plans(tick):
+            return self._controller.fallback()
         if self._preset.sway:
             # The objective holds one target over its horizon: that of the middle, or the user would lag by as much.
             self._controller.aim(self._preset.aim(time + 0.5 * self._preset.horizon))
