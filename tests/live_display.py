@@ -1,7 +1,8 @@
-"""The whole graph with a person's page in the place of the user, in a thread, and a browser: for tests and benches."""
+"""The whole graph with a person's page in the place of the user, in a thread, and a browser: for tests."""
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import threading
@@ -36,7 +37,7 @@ def chromium() -> Iterator[Any]:
     environment = {key: value for key, value in os.environ.items() if key != "LD_LIBRARY_PATH"}
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=browser_path(), args=["--no-sandbox"], env=environment, timeout=240_000
+            executable_path=browser_path(), args=["--no-sandbox", "--disable-gpu"], env=environment, timeout=240_000
         )
         yield browser
         browser.close()
@@ -66,6 +67,8 @@ class LiveRig:
         self.states: list[Any] = self._graph.collect(topics.TASK_STATE)
         nodes = [self._graph.make(factory, params_file=file) for factory in graph_of(record=False, person=True)]
         self.display: Any = nodes[0]
+        # What is loaded by now need not be looked through again each time that a node is armed.
+        gc.freeze()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._graph.until, args=(self._end.is_set, 1e5), daemon=True)
         self._thread.start()
@@ -77,6 +80,7 @@ class LiveRig:
         self._end.set()
         self._thread.join(60.0)
         self._graph.close()
+        gc.unfreeze()
 
     @property
     def force(self) -> float:
@@ -84,7 +88,7 @@ class LiveRig:
         return float(self.wrenches[-1].wrench.force.x) if self.wrenches else 0.0
 
     @staticmethod
-    def until(condition: Callable[[], bool], page: Any, limit: float = 60.0) -> None:
+    def until(condition: Callable[[], bool], page: Any, limit: float = 120.0) -> None:
         """Wait for a condition while the browser's page goes on."""
         end = time.monotonic() + limit
         while not condition():

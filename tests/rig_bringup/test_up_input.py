@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from rig_bringup import up
 from rig_bringup.provision import machine
@@ -67,6 +68,43 @@ def test_a_bag_is_never_overwritten(capsys: pytest.CaptureFixture[str], tmp_path
     (tmp_path / "bag").mkdir()
     assert up.main(["--out", str(tmp_path)]) == 2
     assert "no bag is ever overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--display", "--pacing", "lockstep"], "must be realtime"),
+        (["--display", "--host", "0.0.0.0", "--token", "short"], "can be guessed"),
+        (["--display", "--port", "70000"], "port: 70000"),
+        (["--display", "--user-from", "bag"], "leave one out"),
+        (["--port", "9000"], "--display"),
+    ],
+)
+def test_a_display_that_cannot_be_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert up.main([*arguments, "--out", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert words in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_with_a_person_the_files_of_a_run_name_the_display_and_hold_no_token(tmp_path: Path) -> None:
+    given = up.parser().parse_args(["--display", "--host", "0.0.0.0", "--port", "9000"])
+    checked, _ = up._load(given)
+    assert len(given.token) >= 16
+    assert f"?token={given.token}" in up._invitation(checked.display, given)
+    files = up._write_parameters(tmp_path, tmp_path / "bag", checked)
+    texts = "".join(file.read_text() for file in files)
+    assert given.token not in texts
+    assert "/**/user_sim" not in texts
+    values = {
+        name: body["ros__parameters"] for file in files for name, body in yaml.safe_load(file.read_text()).items()
+    }
+    assert values["/**/task_sim"]["autostart"] is False
+    assert values["/**/task_sim"]["required_nodes"][0] == "display"
+    assert yaml.safe_load(files[0].read_text())["/**/display"]["ros__parameters"]["port"] == 9000
 
 
 def tools(tmp_path: Path, *names: str) -> dict[str, str]:

@@ -80,6 +80,20 @@ def test_mpc_does_what_its_controller_finds(task, preset):
     assert np.array_equal(user.act(0, 0.0, x), expected)
 
 
+@pytest.mark.parametrize("kind", ["mpc", "human"])
+def test_follows_the_plan_between_two_plans(kind):
+    """Whatever is seen in between: the schedule of the last plan, tick by tick."""
+    task = tasks.get("cart_pendulum")
+    always, seldom = (users.make(kind, task, preset="economical", replan=every) for every in (1, 4))
+    other = np.array([0.5, 2.0, 1.0, 0.0])
+    followed = [seldom.act(k, 0.01 * k, task.initial_state if k == 0 else other) for k in range(6)]
+    blind = users.make(kind, task, preset="economical", replan=4)
+    same = [blind.act(k, 0.01 * k, task.initial_state if k in (0, 4) else 2.0 * other) for k in range(4)]
+    assert np.array_equal(followed[:4], same)
+    assert np.array_equal(followed[0], always.act(0, 0.0, task.initial_state))
+    assert not np.array_equal(followed[4], blind.act(4, 0.04, task.initial_state))
+
+
 def test_aim_sways():
     wish = presets.get("slip", "skilled")
     speeds = [wish.aim(t)[1] for t in (0.0, 2.5, 7.5)]

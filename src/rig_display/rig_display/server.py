@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from aiohttp import WSCloseCode, WSMsgType, web
+from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
 
 from rig_display.client import Client
 from rig_display.gate import HEADERS, Gate
@@ -27,6 +27,9 @@ _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".
 #: [s] Between two statuses, and between two batches of ticks for those who watch.
 _STATUS_PERIOD = 0.2
 _WATCH_PERIOD = 1 / 30
+
+#: [s] After this much silence a page is asked whether it is there; a hand is given up much sooner, after `stale_after`.
+_HEARTBEAT = 10.0
 
 
 class ServerError(OSError):
@@ -182,7 +185,7 @@ class PageServer:
         self._gate.check_origin(request)
         if len(self._seat.clients) >= self._config.max_clients:
             raise web.HTTPServiceUnavailable(text=f"{self._config.max_clients} pages are connected already\n")
-        socket = web.WebSocketResponse(max_msg_size=MAX_BYTES, heartbeat=5.0, compress=False)
+        socket = web.WebSocketResponse(max_msg_size=MAX_BYTES, heartbeat=_HEARTBEAT, compress=False)
         await socket.prepare(request)
         operator = request.query.get("as") == "operator"
         client = Client(socket, request.remote or "", operator, self._config.message_rate)
@@ -199,8 +202,9 @@ class PageServer:
     async def _listen(self, client: Client) -> None:
         async for message in client.socket:
             now = time.monotonic_ns()
-            if message.type is WSMsgType.ERROR:  # too long, or no frame at all; aiohttp has closed it
-                self._seat.refuse(client, "a message that is too long")
+            if message.type is WSMsgType.ERROR:  # too long, or no frame at all, or silence; aiohttp has closed it
+                if isinstance(message.data, WebSocketError):
+                    self._seat.refuse(client, str(message.data))
                 return
             try:
                 if message.type is not WSMsgType.TEXT:

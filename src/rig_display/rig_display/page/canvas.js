@@ -32,6 +32,8 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => cach
 
 // A colour of the style sheet, by its name.
 export function colour(name) {
-  if (!cache.has(name)) cache.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  if (!cache.has(name)) {
+    cache.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  }
   return cache.get(name);
 }

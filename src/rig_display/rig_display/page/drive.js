@@ -63,17 +63,23 @@ function next() {
   const { trial, hand: state, driver, driving, countdown } = status;
   if (state.stopped) {
     const mine = driving && task.driver_starts;
-    return { title: "Stopped", text: `Emergency stop, pressed by ${state.stopped}. The hand pushes nothing.`, act: mine && ["Release", () => link.say("release")] };
+    const text = `Emergency stop, pressed by ${state.stopped}. The hand pushes nothing.`;
+    return { title: "Stopped", text, act: mine && ["Release", () => link.say("release")] };
   }
-  if (!driving && driver === null) return { title: "Nobody drives", text: "Take control to push with your hand.", act: ["Take control", () => link.say("drive")] };
+  if (!driving && driver === null) {
+    const act = ["Take control", () => link.say("drive")];
+    return { title: "Nobody drives", text: "Take control to push with your hand.", act };
+  }
   if (!driving) return { title: "", text: trial.phase === "running" ? "" : "Somebody else drives; you watch." };
   if (countdown !== null) return { title: "", text: "", count: Math.ceil(countdown) };
   if (trial.phase === "arming") return { title: "Getting ready", text: trial.message };
   if (trial.phase === "running") return { title: "", text: "" };
-  const over = trial.phase === "finished" ? outcome(trial.outcome) || "Done" : trial.phase === "aborted" ? "Ended early" : "Ready";
-  const how = "Press and drag to push; the arrow keys and a gamepad work too. Esc stops.";
-  const text = trial.phase === "aborted" ? trial.message : trial.phase === "finished" ? "The trial has ended." : how;
-  return { title: over, text, act: task.driver_starts && [trial.phase === "idle" ? "Start" : "Again", start] };
+  const [title, text] = {
+    idle: ["Ready", "Press and drag to push; the arrow keys and a gamepad work too. Esc stops."],
+    finished: [outcome(trial.outcome) || "Done", "The trial has ended."],
+    aborted: ["Ended early", trial.message],
+  }[trial.phase];
+  return { title, text, act: task.driver_starts && [trial.phase === "idle" ? "Start" : "Again", start] };
 }
 
 function start() {
@@ -184,12 +190,15 @@ function drawHand(grip) {
     pen.lineWidth = Math.max(5, 0.012 * view.height);
     line(pen, grip, tip);
     pen.beginPath();
-    for (const turn of [0, 2.5, -2.5]) pen.lineTo(tip[0] + Math.cos(angle + turn) * 0.7 * size, tip[1] + Math.sin(angle + turn) * 0.7 * size);
+    for (const turn of [angle, angle + 2.5, angle - 2.5]) {
+      pen.lineTo(tip[0] + Math.cos(turn) * 0.7 * size, tip[1] + Math.sin(turn) * 0.7 * size);
+    }
     pen.fill();
     view.font(size, 600);
     pen.textAlign = dx >= 0 ? "left" : "right";
     pen.textBaseline = "middle";
-    pen.fillText(`${Math.hypot(fx, fy).toFixed(0)} N`, tip[0] + Math.sign(dx || 1) * size, tip[1] - (Math.abs(dy) > Math.abs(dx) ? 0 : 0));
+    const above = Math.abs(dy) > Math.abs(dx) ? 0 : 0.8 * size;
+    pen.fillText(`${Math.hypot(fx, fy).toFixed(0)} N`, tip[0] + Math.sign(dx || 1) * size, tip[1] - above);
   }
   pen.restore();
 }
@@ -220,8 +229,9 @@ function drawGauge() {
   pen.textAlign = "center";
   for (const mark of [-limit, limit]) pen.fillText(`${mark.toFixed(0)} N`, to(mark), height - 1);
   gauge.font(17, 650);
-  const words = task.limits[0] && task.limits[hand.upright] ? `${value.toFixed(0)} N → ${hand.force[hand.upright].toFixed(0)} N ↑` : `${value.toFixed(0)} N`;
-  pen.fillText(words, to(0), height - 1);
+  const both = task.limits[0] && task.limits[hand.upright];
+  const up = both ? `   ↑ ${hand.force[hand.upright].toFixed(0)} N` : "";
+  pen.fillText(`${both ? "→ " : ""}${value.toFixed(0)} N${up}`, to(0), height - 1);
 }
 
 requestAnimationFrame(frame);

@@ -23,9 +23,12 @@ export class Hand {
     this.sent = 0;
     this.force = [0, 0, 0];
     element.addEventListener("pointerdown", (event) => this.press(event));
-    const moves = "onpointerrawupdate" in window ? "pointerrawupdate" : "pointermove"; // not held back to the next frame
+    // The raw events are not held back to the next frame.
+    const moves = "onpointerrawupdate" in window ? "pointerrawupdate" : "pointermove";
     element.addEventListener(moves, (event) => this.move(event));
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) element.addEventListener(end, (event) => this.lift(event));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      element.addEventListener(end, (event) => this.lift(event));
+    }
     element.addEventListener("contextmenu", (event) => event.preventDefault());
     addEventListener("keydown", (event) => this.key(event, true));
     addEventListener("keyup", (event) => this.key(event, false));
@@ -72,7 +75,8 @@ export class Hand {
   }
 
   key(event, down) {
-    if (!(event.code in KEYS) || event.target.tagName === "INPUT" || event.ctrlKey || event.altKey || event.metaKey) return;
+    const command = event.ctrlKey || event.altKey || event.metaKey;
+    if (!(event.code in KEYS) || event.target.tagName === "INPUT" || command) return;
     event.preventDefault();
     if (down) this.keys.add(event.code);
     else this.keys.delete(event.code);
@@ -112,7 +116,8 @@ export class Hand {
       const row = this.newest();
       if (this.kind === "spring" && spring && row) {
         const { position, velocity } = spring;
-        force[0] += this.task.stiffness * (this.world(...to).x - row.state[position]) - this.task.damping * row.state[velocity];
+        const { stiffness, damping } = this.task;
+        force[0] += stiffness * (this.world(...to).x - row.state[position]) - damping * row.state[velocity];
       } else {
         share((to[0] - from[0]) / this.reach, (from[1] - to[1]) / this.reach);
       }

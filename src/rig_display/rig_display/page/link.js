@@ -59,7 +59,8 @@ export class Link extends EventTarget {
     const sorted = this.drawn.sort((a, b) => a - b);
     const at = (share) => Math.max(0, Math.min(sorted[Math.ceil(share * sorted.length) - 1], 60000));
     if (sorted.length && Number.isFinite(this.roundTrip)) {
-      this.say("stats", { rtt: this.roundTrip, drawn50: at(0.5), drawn99: at(0.99), drawnmax: at(1), fps: Math.min(this.frames, 1000) });
+      const drawn = { drawn50: at(0.5), drawn99: at(0.99), drawnmax: at(1) };
+      this.say("stats", { rtt: this.roundTrip, ...drawn, fps: Math.min(this.frames, 1000) });
     }
     this.drawn = [];
     this.frames = 0;

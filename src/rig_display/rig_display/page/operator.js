@@ -118,7 +118,11 @@ function recording(recorder) {
 // Rows of name, value and whether it is amiss.
 function table(list, rows) {
   if (list.children.length !== 2 * rows.length) {
-    list.replaceChildren(...rows.flatMap(([name]) => [Object.assign(document.createElement("dt"), { textContent: name }), document.createElement("dd")]));
+    const cells = rows.flatMap(([name]) => [
+      Object.assign(document.createElement("dt"), { textContent: name }),
+      document.createElement("dd"),
+    ]);
+    list.replaceChildren(...cells);
   }
   rows.forEach(([, value, amiss], i) => {
     const cell = list.children[2 * i + 1];

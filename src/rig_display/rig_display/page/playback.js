@@ -1,4 +1,4 @@
-// The state at any moment, between the states that came: a little behind the newest, so that there are two to go between.
+// The state at any moment, between those that came: a little behind the newest, so that there are two to go between.
 
 const LEAST_DELAY = 5; // ms
 const MOST_DELAY = 150;
@@ -24,7 +24,8 @@ export class Playback {
       // Creeps up by 1 ms in a second of states, so that clocks may drift.
       this.offset = this.offset === null ? arrival : Math.min(this.offset + 0.01, arrival);
       this.late = Math.max(0.995 * this.late, arrival - this.offset);
-      this.rows.push({ tick, time, mode, inside: Boolean(flags & 1), outcome: flags >> 2, missed, received, state, force });
+      const inside = Boolean(flags & 1);
+      this.rows.push({ tick, time, mode, inside, outcome: flags >> 2, missed, received, state, force });
     }
     if (this.rows.length > 1000) this.rows.splice(0, 500);
   }

@@ -31,7 +31,7 @@ export class Plot {
     const end = Math.max(SPAN, ...this.series.map(({ points }) => points.at(-1)?.[0] ?? 0));
     const shown = this.series.map(({ points }) => points.filter(([time]) => time >= end - SPAN));
     let [low, high] = this.zero ? [0, 0] : [Infinity, -Infinity];
-    for (const points of shown) for (const [, value] of points) [low, high] = [Math.min(low, value), Math.max(high, value)];
+    for (const [, value] of shown.flat()) [low, high] = [Math.min(low, value), Math.max(high, value)];
     if (low > high) [low, high] = [0, 0];
     const pad = Math.max(0.5 * (this.least - (high - low)), 0.06 * (high - low));
     [low, high] = [low === 0 && this.zero ? 0 : low - pad, high + pad];
@@ -41,7 +41,9 @@ export class Plot {
     this.axes(pen, { low, high, end, left, right, top, bottom, x, y });
     pen.lineWidth = 2;
     this.series.forEach((each, i) => {
-      if (each.dots) for (const [time, value, kind] of shown[i]) DOTS[kind](pen, x(time), y(value), colour(each.dots[kind]));
+      for (const [time, value, kind] of each.dots ? shown[i] : []) {
+        DOTS[kind](pen, x(time), y(value), colour(each.dots[kind]));
+      }
       if (!each.line) return;
       pen.strokeStyle = colour(each.line);
       pen.setLineDash(each.dash ?? []);
@@ -72,7 +74,9 @@ export class Plot {
     }
     pen.textAlign = "center";
     pen.textBaseline = "top";
-    for (let s = Math.ceil((end - SPAN) / 2) * 2; s <= end; s += 2) pen.fillText(`${s} s`, Math.min(x(s), right - 10), bottom + 6);
+    for (let s = Math.ceil((end - SPAN) / 2) * 2; s <= end; s += 2) {
+      pen.fillText(`${s} s`, Math.min(x(s), right - 10), bottom + 6);
+    }
   }
 }
 

@@ -3,19 +3,22 @@
 import { colour } from "./canvas.js";
 
 const PARTS = { one: () => 1, value: (v) => v, sin: Math.sin, cos: Math.cos };
-const sum = (terms, state) => terms.reduce((total, [gain, index, of]) => total + gain * PARTS[of](index < 0 ? 0 : state[index]), 0);
+const part = (state, [gain, index, of]) => gain * PARTS[of](index < 0 ? 0 : state[index]);
+const sum = (terms, state) => terms.reduce((total, term) => total + part(state, term), 0);
 
 export class Scene {
   constructor(task) {
     this.task = task;
     this.scene = task.scene;
     this.centre = this.scene.view ? sum(this.scene.view.follow, task.initial) : 0;
-    this.spans = task.initial.map((value, i) => Math.max(1, Math.abs(value), Math.abs(this.scene.target?.[i] ?? 0)));
+    const target = this.scene.target ?? [];
+    this.spans = task.initial.map((value, i) => Math.max(1, Math.abs(value), Math.abs(target[i] ?? 0)));
   }
 
   // Where a position on the surface lies in the world [m].
   toWorld(surface, x, y) {
-    return { x: this.centre + (x - 0.5 * surface.width) / this.scale, y: this.bottom + (surface.height - y) / this.scale };
+    const right = (x - 0.5 * surface.width) / this.scale;
+    return { x: this.centre + right, y: this.bottom + (surface.height - y) / this.scale };
   }
 
   // Draw a state; returns where the hand takes hold, on the surface.
@@ -28,7 +31,10 @@ export class Scene {
     const follow = sum(view.follow, row.state);
     // The view moves with what would leave it otherwise; the marks on the ground show that it does.
     this.centre = Math.min(Math.max(this.centre, follow - view.slack), follow + view.slack);
-    const at = (x, y) => [0.5 * surface.width + (x - this.centre) * this.scale, surface.height - (y - this.bottom) * this.scale];
+    const at = (x, y) => [
+      0.5 * surface.width + (x - this.centre) * this.scale,
+      surface.height - (y - this.bottom) * this.scale,
+    ];
     const place = Object.fromEntries(
       Object.entries(points).map(([name, [x, y]]) => [name, at(sum(x, row.state), sum(y, row.state))]),
     );
@@ -127,9 +133,23 @@ const SHAPES = {
   },
   mark(pen, shape, { at, scale, surface }) {
     const [x, y] = at(shape.x, shape.height);
-    const size = 0.13 * scale;
+    const size = Math.max(0.13 * scale, 9);
     pen.fillStyle = colour("target");
     pen.beginPath();
+    if (x < 0 || x > surface.width) {
+      // Out of sight: which way, and how far.
+      const [edge, way] = x < 0 ? [0, 1] : [surface.width, -1];
+      pen.moveTo(edge + way * 8, y - 3 * size);
+      pen.lineTo(edge + way * (8 + 1.8 * size), y - 4 * size);
+      pen.lineTo(edge + way * (8 + 1.8 * size), y - 2 * size);
+      pen.fill();
+      surface.font(Math.max(14, 0.03 * surface.height), 600);
+      pen.textAlign = way > 0 ? "left" : "right";
+      pen.textBaseline = "middle";
+      const far = Math.abs((x - 0.5 * surface.width) / scale);
+      pen.fillText(`target ${far.toFixed(0)} m`, edge + way * (18 + 1.8 * size), y - 3 * size);
+      return;
+    }
     pen.moveTo(x, y + 0.35 * size);
     pen.lineTo(x - size, y + 1.9 * size);
     pen.lineTo(x + size, y + 1.9 * size);
