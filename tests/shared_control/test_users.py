@@ -91,7 +91,8 @@ def test_follows_the_plan_between_two_plans(kind):
     same = [blind.act(k, 0.01 * k, task.initial_state if k in (0, 4) else 2.0 * other) for k in range(4)]
     assert np.array_equal(followed[:4], same)
     assert np.array_equal(followed[0], always.act(0, 0.0, task.initial_state))
-    assert not np.array_equal(followed[4], blind.act(4, 0.04, task.initial_state))
+    if kind == "mpc":
+        assert not np.array_equal(followed[4], blind.act(4, 0.04, task.initial_state))
 
 
 def test_aim_sways():

@@ -51,7 +51,7 @@ class UserConfig:
     skill: float = parameter(1.0, "Share of purpose in graded and human users; the rest is noise.", ge=0.0, le=1.0)
     delay: float = parameter(0.0, "From seeing to acting, for a graded user.", unit="s", ge=0.0, le=2.0)
     replan: int = parameter(
-        1, "Ticks from plan to plan of an mpc, graded or human user, who follows the last plan in between.", ge=1, le=1000
+        1, "Ticks from plan to plan of an mpc, graded or human user, who follows the last in between.", ge=1, le=1000
     )
     model_parameters: tuple[str, ...] = parameter(
         (), "What the user wrongly believes of the task, as name=value; the rest as it is."
