@@ -129,13 +129,13 @@ class Rig:
         self.context.try_shutdown()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def domain_id() -> int:
     """One of 60 to 79, so that two runs at the same time seldom meet."""
     return 60 + os.getpid() % 20
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def environment(domain_id: int) -> Iterator[dict[str, str]]:
     """The environment of the command; this process has it too."""
     with pytest.MonkeyPatch.context() as patch:
@@ -144,7 +144,7 @@ def environment(domain_id: int) -> Iterator[dict[str, str]]:
         yield dict(os.environ)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def rig(environment: dict[str, str]) -> Iterator[Rig]:
     rig = Rig(int(environment["ROS_DOMAIN_ID"]))
     yield rig
