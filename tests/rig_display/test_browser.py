@@ -148,10 +148,11 @@ def test_the_emergency_stop_holds(screen: Screen) -> None:
 
 def test_a_second_person_watches(screen: Screen) -> None:
     other = screen.open("")
-    other.get_by_text("Somebody else drives").wait_for(state="attached")
+    screen.until(lambda: screen.rig.display.seat.status(0)["watchers"] == 2)
+    screen.until(lambda: other.locator("#title").inner_text() != "Connecting")
     assert other.get_by_role("button", name="Take control").count() == 0
-    assert screen.rig.display.seat.status(0)["watchers"] == 2
     other.close()
+    screen.until(lambda: screen.rig.display.seat.status(0)["watchers"] == 1)
 
 
 def test_nothing_came_from_elsewhere_and_nothing_was_complained_of(screen: Screen) -> None:
