@@ -47,7 +47,8 @@ def test_a_row_is_the_trial(tmp_path: Path) -> None:
 
 
 def test_any_number_of_workers_and_a_cluster_give_the_same(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
+    import distributed
+
     jobs = sweep_jobs(sweep(tmp_path))
     one = run(jobs, tmp_path / "one", workers=1)
     assert text(run(jobs, tmp_path / "two", workers=2)) == text(one)

@@ -2,8 +2,8 @@
 
 A message object costs tens of microseconds each time that one is made, filled, or taken apart field by field. On a
 topic of the loop all messages have one layout, because their texts and the lengths of their sequences stay the same:
-each number lies at a fixed place. Here it is read and written there. What is published is to the byte what rclpy would
-have sent; what has another layout is read as rclpy reads it.
+each number lies at a fixed place. Here it is read and written there. What is published reads as if rclpy had sent it;
+what has another layout is read as rclpy reads it.
 
 Layout of plain CDR (OMG CORBA 3.4, part 2, 9.3): four bytes that say the byte order; then each number aligned to its
 size, a text as a length of 32 bits that counts its final zero, a sequence as a count of 32 bits and its elements.
