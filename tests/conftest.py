@@ -1,4 +1,4 @@
-"""What tests of nodes share: a graph of nodes on one executor, destroyed at the end."""
+"""What all tests share: which may run side by side; and a graph of nodes on one executor, destroyed at the end."""
 
 from __future__ import annotations
 
@@ -11,6 +11,16 @@ from node_graph import Graph
 # A machine that stalls is no fault of the code: no test has a deadline.
 settings.register_profile("rig", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("rig")
+
+#: Where tests have no live graph, but for those that run one to have a bag.
+_QUIET = ("shared_control", "rig_study", "acceptance")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Group the tests for `-n 2 --dist loadgroup`: live graphs one after the other, each other file as a whole."""
+    live = {item.path for item in items if item.path.parent.name not in _QUIET or "run_composed" in item.fixturenames}
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group("live graphs" if item.path in live else item.path.stem))
 
 
 @pytest.fixture(params=["events", "single"])

@@ -26,7 +26,9 @@ def main(argv: Sequence[str]) -> int:
         print(f"== {' '.join(check)}", flush=True)
         if subprocess.run([sys.executable, "-m", *check], cwd=root, check=False).returncode != 0:
             failed.append(check[0] if check[0] != "pip" else "pip check")
-    code = subprocess.run([sys.executable, "-m", "pytest", *argv], cwd=root, check=False).returncode
+    # Two at a time: the live graphs, one after the other, and beside them all tests that need none (`tests/conftest.py`).
+    pytest = [sys.executable, "-m", "pytest", *(argv or ["-n", "2", "--dist", "loadgroup"])]
+    code = subprocess.run(pytest, cwd=root, check=False).returncode
     if failed and code == 0:
         print(f"error: tests pass, but not: {', '.join(failed)} (see above)", file=sys.stderr)
     return code or int(bool(failed))
