@@ -26,7 +26,7 @@ def main(argv: Sequence[str]) -> int:
         print(f"== {' '.join(check)}", flush=True)
         if subprocess.run([sys.executable, "-m", *check], cwd=root, check=False).returncode != 0:
             failed.append(check[0] if check[0] != "pip" else "pip check")
-    # Two at a time: the live graphs, one after the other, and beside them all tests that need none (`tests/conftest.py`).
+    # Two at a time: the live graphs, one after the other, and beside them all that needs none (`tests/conftest.py`).
     pytest = [sys.executable, "-m", "pytest", *(argv or ["-n", "2", "--dist", "loadgroup"])]
     code = subprocess.run(pytest, cwd=root, check=False).returncode
     if failed and code == 0:

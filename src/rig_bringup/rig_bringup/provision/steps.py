@@ -125,19 +125,23 @@ def _pip(places: Places, *arguments: str) -> list[str]:
     return [str(places.python), "-m", "pip", "--disable-pip-version-check", "--no-input", *arguments]
 
 
-def _get(places: Places, arguments: list[str], run: Run) -> None:
-    """Install packages: with uv, which takes a third of pip's time, or with pip where uv cannot."""
+def _get(places: Places, arguments: list[str], run: Run, link: str = "hardlink") -> None:
+    """Install packages: with uv, which takes a third of pip's time, or with pip where uv cannot.
+
+    Byte code is left to the first import: most modules of the large packages are never imported.
+    """
     try:
         if not (places.venv / "bin" / "uv").exists():
             run(_pip(places, "install", "uv>=0.5,<1"))
-        uv = ["env", f"VIRTUAL_ENV={places.venv}", "UV_LINK_MODE=copy", str(places.venv / "bin" / "uv")]
-        run([*uv, "pip", "install", "--compile-bytecode", *arguments])
+        uv = ["env", f"VIRTUAL_ENV={places.venv}", f"UV_LINK_MODE={link}", str(places.venv / "bin" / "uv")]
+        run([*uv, "pip", "install", *arguments])
     except MachineError:
         run(_pip(places, "install", *arguments))
 
 
 def _install_ros(places: Places, pins: Path, run: Run) -> None:
-    _get(places, ["--no-deps", "-r", str(pins)], run)
+    # Copied, since files are mended: a link would mend the cache that other environments are made from.
+    _get(places, ["--no-deps", "-r", str(pins)], run, link="copy")
     mend_include_paths(places.venv, places.packages)
 
 
@@ -207,6 +211,8 @@ def write_environment(places: Places) -> None:
     lines += [
         f"source {shlex.quote(str(places.workspace / 'install' / 'local_setup.bash'))}",
         "export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}",
+        # Byte code is written at the first import; without, every start of every node compiles its packages again.
+        "unset PYTHONDONTWRITEBYTECODE",
         # One thread each: the arrays are small, and a thread pool for each node costs start-up time and steadiness.
         "export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1} OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}",
     ]
