@@ -16,6 +16,7 @@ settings.load_profile("rig")
 _QUIET = ("shared_control", "rig_study", "acceptance")
 
 
+@pytest.hookimpl(tryfirst=True)  # before the plugin reads the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Group the tests for `-n 2 --dist loadgroup`: live graphs one after the other, each other file as a whole."""
     live = {item.path for item in items if item.path.parent.name not in _QUIET or "run_composed" in item.fixturenames}
