@@ -12,16 +12,15 @@ from node_graph import Graph
 settings.register_profile("rig", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("rig")
 
-#: Where tests have no live graph, but for those that run one to have a bag.
+#: Tests without a live graph, but for the files that run one to have a bag.
 _QUIET = ("shared_control", "rig_study", "acceptance")
+_LIVE = ("test_graph", "test_rederive")
 
 
-@pytest.hookimpl(tryfirst=True)  # before the plugin reads the marks
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_itemcollected(item: pytest.Item) -> None:
     """Group the tests for `-n 2 --dist loadgroup`: live graphs one after the other, each other file as a whole."""
-    live = {item.path for item in items if item.path.parent.name not in _QUIET or "run_composed" in item.fixturenames}
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group("live graphs" if item.path in live else item.path.stem))
+    live = item.path.parent.name not in _QUIET or item.path.stem in _LIVE
+    item.add_marker(pytest.mark.xdist_group("live graphs" if live else item.path.stem))
 
 
 @pytest.fixture(params=["events", "single"])
