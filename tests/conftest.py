@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 from node_graph import Graph
+from xdist.scheduler import LoadScopeScheduling
 
 # A machine that stalls is no fault of the code: no test has a deadline.
 settings.register_profile("rig", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("rig")
 
 #: Tests without a live graph, but for the files that run one to have a bag.
-_QUIET = ("shared_control", "rig_study", "acceptance")
-_LIVE = ("test_graph", "test_rederive")
+_QUIET = ("tests/shared_control/", "tests/rig_study/", "tests/acceptance/")
+_LIVE = ("tests/acceptance/test_graph.py", "tests/rig_study/test_rederive.py")
 
 
-def pytest_itemcollected(item: pytest.Item) -> None:
-    """Group the tests for `-n 2 --dist loadgroup`: live graphs one after the other, each other file as a whole."""
-    live = item.path.parent.name not in _QUIET or item.path.stem in _LIVE
-    item.add_marker(pytest.mark.xdist_group("live graphs" if live else item.path.stem))
+class _Scheduling(LoadScopeScheduling):  # type: ignore[misc]
+    """With `-n`: all live graphs one after the other in one process, and beside them each other file as a whole."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        path = nodeid.split("::")[0]
+        return path if path.startswith(_QUIET) and path not in _LIVE else "live graphs"
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
+    return _Scheduling(config, log)
 
 
 @pytest.fixture(params=["events", "single"])

@@ -27,7 +27,7 @@ def main(argv: Sequence[str]) -> int:
         if subprocess.run([sys.executable, "-m", *check], cwd=root, check=False).returncode != 0:
             failed.append(check[0] if check[0] != "pip" else "pip check")
     # Two at a time: the live graphs, one after the other, and beside them all that needs none (`tests/conftest.py`).
-    pytest = [sys.executable, "-m", "pytest", *(argv or ["-n", "2", "--dist", "loadgroup"])]
+    pytest = [sys.executable, "-m", "pytest", *(argv or ["-n", "2"])]
     code = subprocess.run(pytest, cwd=root, check=False).returncode
     if failed and code == 0:
         print(f"error: tests pass, but not: {', '.join(failed)} (see above)", file=sys.stderr)
