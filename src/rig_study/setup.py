@@ -5,7 +5,7 @@ NAME = "rig_study"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Offline analysis of recorded trials: measures, figures and the report.",
+    description="Studies: protocols, sessions, many trials, analysis and the report.",
     license="Apache-2.0",
     maintainer="Shared Control Rig maintainers",
     maintainer_email="maintainers@shared-control-rig.example",

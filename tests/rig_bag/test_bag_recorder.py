@@ -69,8 +69,8 @@ class Loop:
         self.states: list[RecorderState] = []
         graph.node.create_subscription(RecorderState, "recorder/state", self.states.append, LATCHED)
 
-    def announce(self, phase: int, ticks: int = 0) -> None:
-        self.trial.publish(self._trial_state(phase, ticks))
+    def announce(self, phase: int, ticks: int = 0, uid: int = 1) -> None:
+        self.trial.publish(self._trial_state(phase, ticks, uid))
 
     def tick(self, tick: int, *left_out: str) -> None:
         for name, publisher in self.publishers.items():
@@ -130,6 +130,53 @@ def test_it_records_what_is_published(graph: Any, tmp_path: Path, task_state: Ca
     assert entries["/rig/task/state"].type_hash.startswith("RIHS01_")
     log_times = [message.log_time for message in messages(tmp_path / "bag")]
     assert log_times[0] > 1_600_000_000_000_000_000
+
+
+def test_each_trial_gets_a_bag_of_its_own(graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]) -> None:
+    loop = Loop(graph, trial_state)
+    recorder = _recorder(graph, uri=str(tmp_path / "bags"), split="trial", pacing="lockstep")
+    graph.until(_matched(recorder, loop.trial, *loop.publishers.values()))
+    assert recorder.recording is None
+    assert recorder.make_report().error == ""
+    for uid, ticks in ((1, 3), (2, 5)):
+        loop.announce(TrialState.PHASE_ARMING, uid=uid)
+        graph.until(lambda: recorder.recording is not None)
+        loop.announce(TrialState.PHASE_RUNNING, uid=uid)
+        for tick in range(ticks):
+            loop.tick(tick)
+        loop.announce(TrialState.PHASE_FINISHED, ticks, uid=uid)
+        graph.until(lambda: recorder.recording is None)
+        assert not recorder.closed.done()
+    # The same subject, set and trial: another attempt. A trial that never ran leaves a bag that says so.
+    loop.announce(TrialState.PHASE_ARMING, uid=3)
+    graph.until(lambda: recorder.recording is not None)
+    loop.announce(TrialState.PHASE_ARMING, uid=4)
+    graph.until(lambda: recorder.path.name.endswith("a4"))
+    recorder.finish()
+    assert recorder.closed.done()
+    graph.until(lambda: loop.states[-1].uri.endswith("a4") and not loop.states[-1].recording)
+    bags = sorted((tmp_path / "bags").iterdir())
+    assert [bag.name for bag in bags] == [f"s07_b_003_a{attempt}" for attempt in (1, 2, 3, 4)]
+    for bag, ticks in zip(bags, (3, 5, 0, 0), strict=True):
+        counts = {topic.name: topic.count for topic in info(bag).metadata.topics}
+        assert counts["/rig/task/state"] == counts["/rig/mig_filter/decision"] == ticks
+        assert info(bag).metadata.custom_data["subject"] == "s07"
+
+
+def test_a_trial_whose_bag_cannot_be_made_is_refused_by_report(
+    single_graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]
+) -> None:
+    loop = Loop(single_graph, trial_state)
+    (tmp_path / "bags").write_text("a file where a directory is wanted")
+    recorder = _recorder(single_graph, uri=str(tmp_path / "bags"), split="trial")
+    single_graph.until(_matched(recorder, loop.trial))
+    loop.announce(TrialState.PHASE_ARMING)
+    single_graph.until(lambda: bool(recorder.make_report().error))
+    assert "bags" in recorder.make_report().error
+    (tmp_path / "bags").unlink()
+    loop.announce(TrialState.PHASE_ARMING, uid=2)
+    single_graph.until(lambda: recorder.recording is not None)
+    assert recorder.make_report().error == ""
 
 
 def test_a_lockstep_trial_ends_the_bag(graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]) -> None:

@@ -40,8 +40,7 @@ def test_the_hand_arrives_clipped_with_the_stamp_of_its_tick(bench: Callable[...
     at.until_force(-40.0)
     assert at.wrenches[-1].header.frame_id == topics.SENSOR_FRAME
     assert at.node.latency.spread().count > 0
-    at.until(lambda: len(page.ticks) > 3)
-    assert page.ticks[-1][7] == [-40.0, 0.0, 0.0]
+    at.until(lambda: bool(page.ticks) and page.ticks[-1][7] == [-40.0, 0.0, 0.0])
 
 
 def test_a_hand_that_falls_silent_pushes_nothing(bench: Callable[..., Any], web: Web) -> None:

@@ -99,13 +99,16 @@ def test_bags_that_cannot_be_used_are_listed(tmp_path: Path, capsys: pytest.Capt
     write(tmp_path / "bags" / "good", 400, trial=1, **who)
     write(tmp_path / "bags" / "other", 400, trial=1, **{**who, "set": "set2"})
     write(tmp_path / "bags" / "aborted", 400, phase=TrialState.PHASE_ABORTED, message="on request", trial=2, **who)
+    write(tmp_path / "bags" / "S01_set2_002_a9", 400, trial=2, **{**who, "set": "set2"})
+    write(tmp_path / "bags" / "S01_set2_002_a10", 400, trial=2, **{**who, "set": "set2"})
     write(tmp_path / "bags" / "short", 300, ticks_planned=400, trial=3, **who)
     cut = next(write(tmp_path / "bags" / "cut", 400, trial=4, **who).glob("*.mcap"))
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
     assert main([str(tmp_path / "bags"), "--out", str(tmp_path / "out")]) == 0
     found = json.loads((tmp_path / "out" / "statistics.json").read_text())
     reasons = dict(found["left_out"])
-    assert set(reasons) == {"aborted", "short", "cut"}
+    assert set(reasons) == {"aborted", "short", "cut", "S01_set2_002_a9"}
+    assert reasons["S01_set2_002_a9"] == "done again as S01_set2_002_a10"
     assert "aborted, on request" in reasons["aborted"]
     assert "100 of 400 ticks" in reasons["short"]
     assert "left out: cut" in capsys.readouterr().err

@@ -22,6 +22,12 @@ class RecorderConfig:
     """What is recorded, where to, and how progress is reported. An empty string in a list stands for nothing."""
 
     uri: str = parameter("", "directory of the bag; empty: rosbag2_ and the time, in the current directory")
+    split: str = parameter(
+        "none",
+        "none: one bag, from the start; trial: each trial in a bag of its own in the directory uri, named by subject, "
+        "set, trial and attempt",
+        choices=("none", "trial"),
+    )
     topics: tuple[str, ...] = parameter(
         (*_PER_TICK, *_BY_VERDICT, *_BESIDES),
         "topics to record; relative names are taken in the node's namespace",

@@ -1,4 +1,4 @@
-"""The recorder node: raw subscriptions in, one bag out.
+"""The recorder node: raw subscriptions in, one bag out, or one for each trial.
 
 It publishes how far it is on ``recorder/state``; in lockstep the pacemaker follows that, so that a slow disk slows the
 run and loses nothing.
@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import atexit
 import datetime
-import os
-import platform
 import re
 import sys
 import time
@@ -17,7 +15,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -29,9 +26,9 @@ from mig_interfaces.msg import NodeReport, RecorderState, TrialState
 from rig_bag import definitions
 from rig_bag.configuration import QUEUE_DEPTH, RecorderConfig
 from rig_bag.errors import BagError
+from rig_bag.opening import open_bag, place_of
 from rig_bag.qos import Qos
-from rig_bag.recording import Recording, Stream, Trial
-from rig_bag.writer import BagWriter
+from rig_bag.recording import Recording, Trial
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
@@ -47,8 +44,8 @@ _now = time.monotonic
 
 
 class RecorderNode(RigNode):
-    """Records topics into one bag, from construction until the trial ends, :meth:`close` is called, or the node is
-    destroyed.
+    """Records topics into a bag, from construction until the trial ends, :meth:`close` is called, or the node is
+    destroyed; with ``split: trial`` into a bag for each trial, from its announcement until it ends.
 
     Its parameters are those of :class:`rig_bag.configuration.RecorderConfig`, all read-only, and ``pacing``; keyword
     arguments are those of ``rclpy.node.Node``.
@@ -64,6 +61,8 @@ class RecorderNode(RigNode):
         self.closed = Future()
         self.recording: Recording | None = None
         self._subscriptions_of: dict[str, Any] = {}
+        #: What each subscribed topic is declared as in a bag: type, QoS of its publishers, hash of the type.
+        self._declared: dict[str, tuple[str, list[Qos], str]] = {}
         self._skipped: set[str] = set()
         self._settle: Any = None
         self._settled_at = self._settled_ticks = 0
@@ -79,7 +78,7 @@ class RecorderNode(RigNode):
 
     def _open(self) -> None:
         self.config = config = self.parameters.get(RecorderConfig)
-        pacing = self.parameters.get(LoopConfig).pacing
+        self._splits = config.split == "trial"
         regex, exclude = config.regex, config.exclude_regex
         try:
             self._pattern = re.compile(regex) if regex else None
@@ -90,45 +89,45 @@ class RecorderNode(RigNode):
         self._wanted = [self.resolve_topic_name(topic) for topic in config.topics if topic]
         if config.follow_trial and self._trial_topic not in self._wanted:
             self._wanted.append(self._trial_topic)
-        groups = [
+        self._groups = [
             "|".join(self.resolve_topic_name(topic) for topic in group.split("|"))
             for group in config.per_tick_topics
             if group
         ]
-        writer = BagWriter(
-            config.uri or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S"), custom_data=_surroundings()
-        )
-        self.path = writer.path
-        self.recording = Recording(
-            writer,
-            per_tick=groups,
-            lockstep=pacing == "lockstep",
-            progress_ticks=config.progress_ticks,
-            on_progress=self._publish_state,
-        )
-        atexit.register(self.close, "the process ended")
-        for name in filter(None, config.attachments):
-            self._attach(writer, Path(name))
         announced = topics.RECORDER_STATE
         self._publisher = self.create_publisher(announced.type, announced.name, announced.qos)
-        self._state = RecorderState(uri=str(self.path))
-        self._publish_state()
+        self._state = RecorderState()
+        atexit.register(self.close, "the process ended")
+        place = config.uri or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+        if self._splits:
+            self.path = Path(place)
+            self._publish_state()
+        else:
+            self._begin(Path(place))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._search = self.create_timer(_SEARCH_PERIOD, self._look_for_publishers, clock=clock)
         self._flush = self.create_timer(_WATCH_PERIOD, self._flush_bag, clock=clock)
         self._settle = self.create_timer(_SETTLE_PERIOD, self._check_settled, clock=clock)
         self._settle.cancel()
         self._look_for_publishers()
-        self.get_logger().info(f"recording to {self.path}")
 
-    def _attach(self, writer: BagWriter, path: Path) -> None:
-        try:
-            data, changed = path.read_bytes(), path.stat().st_mtime_ns
-        except OSError as error:
-            self.close()
-            raise BagError(f"cannot attach {path}: {error.strerror}") from error
-        media_type = "application/yaml" if path.suffix in (".yaml", ".yml") else "application/octet-stream"
-        writer.attach(path.name, data, media_type, changed)
+    def _begin(self, place: Path) -> None:
+        """Open a bag; BagError if that cannot be."""
+        writer = open_bag(place, self.config.attachments)
+        self.path = writer.path
+        recording = Recording(
+            writer,
+            per_tick=self._groups,
+            lockstep=self.parameters.get(LoopConfig).pacing == "lockstep",
+            progress_ticks=self.config.progress_ticks,
+            on_progress=self._publish_state,
+        )
+        for topic, declared in self._declared.items():
+            recording.add_topic(topic, *declared)
+        self.recording = recording
+        self._reason = ""
+        self._publish_state()
+        self.get_logger().info(f"recording to {self.path}")
 
     # -- readiness ---------------------------------------------------------------------------------------------------
 
@@ -150,12 +149,13 @@ class RecorderNode(RigNode):
         needed = {self.resolve_topic_name(name) for name in names} & set(self._wanted)
         matched = {topic: count for topic, count in self.matched().items() if topic in needed}
         report.subscribes, report.matched_publishers = list(matched), list(matched.values())
-        if self.recording is None:
+        if self.recording is None and (self.failed or not self._splits):
             report.error = f"its bag is closed: {self._reason}"
         return report
 
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
         if self.recording is None:
+            # Between two trials this is how the last one ended.
             return DiagnosticStatus.ERROR if self.failed else DiagnosticStatus.OK, self._reason, {}
         lost = self.recording.lost()
         values: dict[str, object] = {"messages": self.recording.writer.messages, "lost": lost, "bag": self.path}
@@ -163,12 +163,13 @@ class RecorderNode(RigNode):
 
     def finish(self) -> None:
         self.close("the recorder was told to end")
+        self._end()
         self.exit_code = int(self.failed)
 
     # -- topics ------------------------------------------------------------------------------------------------------
 
     def _look_for_publishers(self) -> None:
-        if self.recording is None:
+        if self.closed.done():
             return
         # One cheap question for all topics; that for a topic's publishers costs twenty times as much.
         for topic, _ in self.get_topic_names_and_types():
@@ -196,18 +197,16 @@ class RecorderNode(RigNode):
         publishers = self.get_publishers_info_by_topic(topic)
         if not publishers:
             return
-        assert self.recording is not None
         types = sorted({info.topic_type for info in publishers})
         try:
             if len(types) > 1:
                 raise BagError(f"its publishers disagree on its type: {', '.join(types)}")
             message_type = definitions.message_class(types[0])
-            stream = self.recording.add_topic(
-                topic,
-                types[0],
-                [Qos.from_rclpy(info.qos_profile) for info in publishers],
-                str(publishers[0].topic_type_hash),
-            )
+            qos_of_publishers = [Qos.from_rclpy(info.qos_profile) for info in publishers]
+            declared = (types[0], qos_of_publishers, str(publishers[0].topic_type_hash))
+            if self.recording is not None:
+                self.recording.add_topic(topic, *declared)
+            self._declared[topic] = declared
         except BagError as error:
             self._skipped.add(topic)
             self.get_logger().warning(f"{topic} is not recorded: {error}")
@@ -222,31 +221,43 @@ class RecorderNode(RigNode):
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
         self._subscriptions_of[topic] = self.create_subscription(
-            message_type, topic, self._callback(topic, stream), qos, raw=True
+            message_type, topic, self._callback(topic), qos, raw=True
         )
 
-    def _callback(self, topic: str, stream: Stream) -> Callable[[bytes], None]:
-        recording = self.recording
-        assert recording is not None
-        receive, now = recording.receive, time.time_ns
+    def _callback(self, topic: str) -> Callable[[bytes], None]:
+        now = time.time_ns
 
         def take(data: bytes) -> None:
-            if self.recording is None:
+            recording = self.recording
+            if recording is None:
                 return
             try:
-                receive(stream, data, now())
+                recording.receive(recording.streams()[topic], data, now())
             except BagError as error:
                 self._fail(error)
 
         def take_trial(data: bytes) -> None:
-            take(data)
             message = deserialize_message(data, TrialState)
+            if self._splits:
+                self._begin_trial(Trial.from_message(message))
+            take(data)
             self.follow_trial(message)
             self._on_trial(message)
 
         return take_trial if self.config.follow_trial and topic == self._trial_topic else take
 
     # -- the trial ---------------------------------------------------------------------------------------------------
+
+    def _begin_trial(self, trial: Trial) -> None:
+        """Open the trial's own bag when it is announced."""
+        if trial.phase != Trial.ARMING or (self.recording is not None and trial.uid == self._recorded_uid):
+            return
+        self.close("the next trial begins")
+        self.failed = False
+        try:
+            self._begin(place_of(trial, Path(self.config.uri or ".")))
+        except BagError as error:
+            self._fail(error)
 
     def _on_trial(self, message: TrialState) -> None:
         recording = self.recording
@@ -294,6 +305,7 @@ class RecorderNode(RigNode):
             state.bytes = recording.writer.bytes
             state.lost = recording.lost()
             state.recording = not recording.writer.closed
+        state.uri = str(self.path)
         state.message = self._reason
         self._publisher.publish(state)
 
@@ -307,6 +319,7 @@ class RecorderNode(RigNode):
 
     def _fail(self, error: BagError) -> None:
         self.failed = True
+        self._reason = str(error)
         self.get_logger().error(str(error))
         self.close(str(error))
 
@@ -322,29 +335,23 @@ class RecorderNode(RigNode):
             self.failed = True
             self._reason = str(error)
             self.get_logger().error(str(error))
-        atexit.unregister(self.close)
         if self.context.ok() and hasattr(self, "_publisher"):
             self._publish_state()
             self.get_logger().info(f"closed {self.path} ({recording.writer.messages} messages): {self._reason}")
         self.recording = None
+        if not self._splits:
+            self._end()
+
+    def _end(self) -> None:
+        """No other bag will follow."""
+        atexit.unregister(self.close)
         if not self.closed.done():
             self.closed.set_result(self._reason)
 
     def destroy_node(self) -> None:
         self.close("the node was destroyed")
+        self._end()
         super().destroy_node()
-
-
-def _surroundings() -> dict[str, str]:
-    """What the recording was made with."""
-    return {
-        "host": platform.node(),
-        "machine": platform.machine(),
-        "system": f"{platform.system()} {platform.release()}",
-        "python": platform.python_version(),
-        "rmw": rclpy.get_rmw_implementation_identifier(),
-        "scheduling": {0: "other", 1: "fifo", 2: "round robin"}.get(os.sched_getscheduler(0), "unknown"),
-    }
 
 
 def make_recorder(**kwargs: Any) -> RecorderNode:

@@ -12,7 +12,7 @@ _COMMANDS = {
     "test": ("rig_bringup.testing", "main"),
     "bag": ("rig_bringup.__main__", "bag"),
     "rederive": ("rig_study.rederive_cli", "main"),
-    "study": ("rig_study.study_cli", "main"),
+    "study": ("rig_bringup.session", "main"),
     "montecarlo": ("rig_study.sweep_cli", "montecarlo"),
     "sweep": ("rig_study.sweep_cli", "sweep"),
     "analyze": ("rig_study.analyze_cli", "main"),

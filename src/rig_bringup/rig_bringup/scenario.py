@@ -17,7 +17,7 @@ from shared_control import scenario as science
 from shared_control.parameters import ParameterError, build
 from shared_control.scenario import LoopConfig, Scenario, ScenarioError
 
-__all__ = ["Checked", "ScenarioError", "checked", "load", "parameter_file"]
+__all__ = ["Checked", "ScenarioError", "checked", "load", "parameter_file", "use_shipped_scenarios"]
 
 _RECORDER = "/**/recorder"
 _DISPLAY = "/**/display"
@@ -70,7 +70,7 @@ def load(name: str, overrides: Mapping[str, Any], *, person: bool = False) -> Ch
     ------
     ScenarioError: missing, not YAML, an unknown key, a wrong type, out of range; the message says where and what to do.
     """
-    _use_shipped_scenarios()
+    use_shipped_scenarios()
     path = science.find(name)
     scenario = science.load(path)
     try:
@@ -98,7 +98,8 @@ def checked(scenario: Scenario, recorder: dict[str, Any], overrides: Mapping[str
     return Checked(scenario, recorder)
 
 
-def _use_shipped_scenarios() -> None:
+def use_shipped_scenarios() -> None:
+    """Let names of scenarios stand for the files of this checkout's `config/`."""
     root = os.environ.get("RIG_ROOT")
     if root:
         os.environ.setdefault("SHARED_CONTROL_CONFIG", str(Path(root) / "config"))

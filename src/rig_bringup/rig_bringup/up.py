@@ -183,7 +183,8 @@ def _recordings(checked: Checked) -> list[str]:
     return [checked.scenario.user.recording] if checked.scenario.user.recording else []
 
 
-def _command(compose: bool, files: list[Path], namespace: str) -> list[str]:
+def graph_command(compose: bool, files: list[Path], namespace: str) -> list[str]:
+    """What starts the graph with these parameter files: the script, or all nodes in one process."""
     if not compose:
         script = Path(os.environ["RIG_ROOT"]) / "ros2_ws" / "scripts" / "start_graph.sh"
         return [str(script), *map(str, files)]
@@ -196,7 +197,7 @@ def _run(arguments: argparse.Namespace, files: list[Path], out: Path) -> int:
     if arguments.display:
         # By the environment, since the files of a run are kept and a token is not to be.
         environment |= {"RIG_USER": "display", "RIG_DISPLAY_TOKEN": arguments.token or ""}
-    command = _command(arguments.compose, files, arguments.namespace)
+    command = graph_command(arguments.compose, files, arguments.namespace)
     try:
         with GraphProcess(command, out / "graph.log", environment) as graph:
             return _watch(graph, arguments.namespace)
@@ -211,7 +212,7 @@ def _watch(graph: GraphProcess, namespace: str) -> int:
     from mig_interfaces.msg import TrialState
     from rig_bringup.monitor import Monitor
 
-    line = _Line()
+    line = Line()
     with Monitor(namespace) as monitor:
         while not monitor.over:
             if graph.exit_code is not None:
@@ -257,7 +258,7 @@ def _finish(bag: Path, out: Path, code: int, *, report: bool) -> int:
     return code
 
 
-class _Line:
+class Line:
     """A progress line: rewritten in place on a terminal, a line every five seconds elsewhere."""
 
     def __init__(self) -> None:

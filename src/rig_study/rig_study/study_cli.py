@@ -1,20 +1,21 @@
-"""``study``: a protocol's plan, its simulation with virtual subjects, and the number of subjects that it needs."""
+"""``study``: a protocol's plan, its sessions, its simulation, and the number of subjects that it needs."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rig_study import cohort as cohorts
 from rig_study.declared import StudyError
-from rig_study.protocol import load_protocol
+from rig_study.protocol import Protocol, load_protocol
 from rig_study.runs import progress, run, write_table
+from rig_study.session import LOG, Progress
 from rig_study.statistics import StatisticsError
 from shared_control.parameters import ParameterError
 
-__all__ = ["add_run_options", "main"]
+__all__ = ["add_run_options", "main", "sessions"]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -25,6 +26,26 @@ def parser() -> argparse.ArgumentParser:
     plan = commands.add_parser("plan", help="who does what: groups, or the trials of one subject")
     plan.add_argument("protocol", help="path, or a name under config/protocols")
     plan.add_argument("--subject", help="as in S07; all subjects, one a line, if left out")
+
+    session = commands.add_parser(
+        "run",
+        help="a subject's session on the live graph, trial by trial; a second call resumes it",
+        description="Run a subject's session: start the graph, lead through the trials that are left, record each into "
+        "a bag of its own. With Enter after each: p pauses after the trial, r repeats the last one, a aborts the "
+        "running one, Enter alone goes on. Ctrl-C ends the session; the same command resumes it.",
+    )
+    session.add_argument("protocol", help="path, or a name under config/protocols")
+    session.add_argument("--subject", required=True, help="as in S07")
+    session.add_argument("--out", type=Path, help="folder of the study's sessions (under runs/)")
+    session.add_argument("--display", action="store_true", help="a person at the browser page, not the simulated user")
+    session.add_argument("--port", type=int, default=8600, help="of the page, on this machine (%(default)s)")
+    session.add_argument("--pacing", choices=("realtime", "lockstep"), default="realtime")
+    session.add_argument("--compose", action="store_true", help="all nodes in one process")
+    session.add_argument("--namespace", default="rig", help="stands in front of every topic (%(default)s)")
+
+    status = commands.add_parser("status", help="how far each subject's session is")
+    status.add_argument("protocol", help="path, or a name under config/protocols")
+    status.add_argument("--out", type=Path, help="folder of the study's sessions (under runs/)")
 
     simulate = commands.add_parser("simulate", help="every trial of a protocol with virtual subjects, headless")
     simulate.add_argument("protocol", help="path, or a name under config/protocols")
@@ -57,11 +78,15 @@ def add_run_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--scheduler", metavar="tcp://...", help="a Dask scheduler, instead of processes here")
 
 
-def main(argv: Sequence[str]) -> int:
-    """Returns 0, or 2 for bad input; 130 if interrupted, and then the same call goes on where it stopped."""
+def main(argv: Sequence[str], conduct: Callable[[argparse.Namespace], int] | None = None) -> int:
+    """Returns 0, or 2 for bad input; 130 if interrupted, and then the same call goes on where it stopped.
+
+    ``conduct`` runs a session: it starts a graph, of which this package knows nothing.
+    """
     options = parser().parse_args(argv)
+    commands = {"plan": _plan, "run": conduct or _no_graph, "status": _status, "simulate": _simulate, "power": _power}
     try:
-        return {"plan": _plan, "simulate": _simulate, "power": _power}[options.command](options)
+        return commands[options.command](options)
     except (ParameterError, StatisticsError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -80,6 +105,29 @@ def _plan(options: argparse.Namespace) -> int:
         return 0
     for trial in protocol.plan(options.subject):
         print(f"{trial.position:4}  {trial.set:10}{trial.trial:4}  {trial.mode:12}{trial.name}  seed {trial.seed}")
+    return 0
+
+
+def _no_graph(_: argparse.Namespace) -> int:
+    raise StudyError("a session needs the graph; start it with ./rig study run")
+
+
+def sessions(options: argparse.Namespace, protocol: Protocol) -> Path:
+    """Where the sessions of a study are, a folder for each subject."""
+    return options.out or Path("runs") / f"study_{protocol.file.path.stem}"
+
+
+def _status(options: argparse.Namespace) -> int:
+    protocol = load_protocol(options.protocol)
+    folder = sessions(options, protocol)
+    print(f"{protocol.name} in {folder}\n{'subject':10}{'group':12}{'trials':>9}{'aborted':>9}{'left':>11}  last")
+    for subject, group in protocol.subjects.items():
+        found = Progress(protocol, subject)
+        if (folder / subject / LOG).exists():
+            found.read(folder / subject / LOG)
+        done = f"{len(found.done)}/{len(found.plan)}"
+        left = f"{found.remaining / 60.0:.1f} min"
+        print(f"{subject:10}{group:12}{done:>9}{found.aborted:>9}{left:>11}  {found.last or 'not begun'}")
     return 0
 
 

@@ -6,6 +6,7 @@ was planned with its state and decision. Any other is left out, and listed with 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,8 @@ __all__ = ["RULE", "Gathered", "find_bags", "read", "subjects"]
 
 RULE = (
     "A trial is used if its bag can be read to its end, holds a task with measures, ran to its end, and has every "
-    "planned tick with its state and its decision. Any other is left out."
+    "planned tick with its state and its decision. Any other is left out. Of a trial that was repeated, the last such "
+    "attempt is used."
 )
 #: What a mean over trials is taken of; success becomes the rate.
 _NOT_MEASURES = ("name", "subject", "group", "set", "trial", "position", "mode", "task", "seed", "outcome", "source")
@@ -78,13 +80,30 @@ def read(paths: Sequence[Path]) -> Gathered:
             rows.append(row)
             result.bags[name] = bag
     if rows:
-        tables.append(pd.DataFrame(rows))
+        tables.append(pd.DataFrame(_last_attempts(rows, result.left_out)))
     if tables:
         result.trials = pd.concat(tables, ignore_index=True)
         twice = result.trials["name"][result.trials["name"].duplicated()]
         if len(twice):
             raise StudyError(f"trial {twice.iloc[0]} is there twice; name each input once")
     return result
+
+
+def _last_attempts(rows: list[dict[str, Any]], left_out: list[tuple[str, str]]) -> list[dict[str, Any]]:
+    """Of each subject's trial, the last attempt; the recorder numbers them at the end of the bag's name."""
+    last: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for row in sorted(rows, key=lambda row: (_attempt(row["name"]), row["name"])):
+        key = (row["subject"], row["set"], row["trial"]) if row.get("subject") else (row["name"],)
+        if key in last:
+            left_out.append((last[key]["name"], f"done again as {row['name']}"))
+        last[key] = row
+    kept = {row["name"] for row in last.values()}
+    return [row for row in rows if row["name"] in kept]
+
+
+def _attempt(name: str) -> int:
+    found = re.search(r"_a(\d+)$", name)
+    return int(found[1]) if found else 1
 
 
 def _table(path: Path) -> pd.DataFrame:
