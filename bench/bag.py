@@ -9,12 +9,14 @@ re-deriving is wall time, without reading the bag and loading the kernels.
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader
+from rows import Row, alternate
 
 import rig_bag
 from rig_bag.verify import verify
@@ -38,6 +40,22 @@ def best(call: Callable[[], Any], repeats: int) -> tuple[float, Any]:
         result = call()
         times.append(time.process_time() - begin)
     return min(times), result
+
+
+def rows(runs: int) -> list[Row]:
+    """Reading and checking a trial of 30 s, recorded for it in lockstep."""
+    import loop
+
+    with tempfile.TemporaryDirectory() as folder:
+        loop.run(Path(folder), record=True, pacing="lockstep", duration=30.0)
+        bag = Path(folder) / "bag"
+        calls = (lambda: rig_bag.read(bag), lambda: verify(bag), lambda: deserialise(bag))
+        read, checked, theirs = alternate(runs, *(lambda call=call: 1e3 * best(call, 2)[0] for call in calls))
+    baseline = "rosbags, every message deserialised"
+    return [
+        Row("reader.read", "a trial of 30 s as arrays, processor time", "ms", read, baseline, theirs),
+        Row("reader.verify", "every record of it checked, processor time", "ms", checked, baseline, theirs),
+    ]
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
-"""One filter evaluation with numba beside a hand-written C version of the same arithmetic, compiled here.
+"""One filter evaluation with numba beside hand-written versions of the same arithmetic, and one replacement.
 
-Runs of the two alternate, so that both see the same load; medians and their ratio are what counts. Usage:
+Runs alternate, so that all see the same load; medians and their ratio are what counts. Usage:
 ``python bench/filter.py [TASK ...] [--horizon 1.5] [--runs 60] [--calls 200]``. Needs a C compiler (``$CC``, else cc
-or gcc). The C versions are in ``bench/c``.
+or gcc). The C versions are in ``bench/c``, the one in Python in ``bench/scalars.py``.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ from __future__ import annotations
 import argparse
 import ctypes
 import os
-import shutil
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import scalars
+from native import library
+from rows import BenchError, Row, alternate
 
 from shared_control import controllers, tasks
 from shared_control.cost import quadratic
@@ -36,83 +36,155 @@ CASES: dict[str, tuple[str, list[float], list[float]]] = {
     "slip": ("slip_noise_assistance", [0.0, 0.8, 1.1, -1.0, 0.1], [5.0, 2.0]),
 }
 
+_IN_C = "criterion, C -O3 (called from Python)"
+_EVALUATED = "criterion, numba (called from Python)"
+_REPLACED = "filter decision, replaced (iLQR, warm)"
 
-def compile_c(source: Path, folder: Path) -> Any:
-    """The C version's function.
-
-    Raises
-    ------
-    SystemExit: no compiler.
-    """
-    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
-    if not compiler:
-        raise SystemExit("no C compiler found: install gcc or set CC")
-    library = folder / f"{source.stem}.so"
-    subprocess.run([compiler, "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
-    criterion = ctypes.CDLL(str(library)).criterion
-    criterion.restype = ctypes.c_double
-    return criterion
+Call = Callable[[], object]
 
 
-def seconds(call: Callable[[], object], calls: int) -> float:
-    """Mean seconds of a call."""
-    begin = time.perf_counter()
+def seconds(call: Call, calls: int) -> float:
+    """Mean seconds of a call, of this thread's processor time: what else runs on the machine does not count."""
+    begin = time.thread_time()
     for _ in range(calls):
         call()
-    return (time.perf_counter() - begin) / calls
+    return (time.thread_time() - begin) / calls
+
+
+def typical(call: Call, calls: int, times: int = 15) -> float:
+    """Median seconds of a call, over so many times of so many calls: a stall of the machine does not count."""
+    return statistics.median(seconds(call, calls) for _ in range(times))
+
+
+def _agree(first: float, second: float, where: str) -> None:
+    if abs(first - second) > 1e-9 * abs(first):
+        raise BenchError(f"the two versions disagree: {first!r} {where}, {second!r} with numba")
+
+
+class Case:
+    """What is timed of a task."""
+
+    def __init__(self, name: str, horizon: float | None = None) -> None:
+        scenario, state, push = CASES[name]
+        config: FilterConfig = load(scenario).filter
+        iterations = config.controller_iterations
+        self.name = name
+        self.horizon = horizon or config.horizon
+        self.steps = round(self.horizon / SAMPLE_TIME)
+        self.task = tasks.get(name)
+        self.cost = quadratic(self.task)
+        along = "user" if name == "slip" else "nominal"
+        self.evaluate = Criterion(self.task, self.cost, horizon=self.horizon, dt=SAMPLE_TIME, adjoint_along=along)
+        self.x, self.good, self.bad = np.array(state), -np.array(push), np.array(push)
+        if self.evaluate(self.x, self.good) > 0.0:
+            self.good, self.bad = self.bad, self.good
+        chosen = FilterConfig(horizon=self.horizon, adjoint_along=along, controller_iterations=iterations)
+        self.filter = MigFilter(self.task, chosen)
+        self.filter.warm_up()
+        self.controller = controllers.make(
+            "ilqr", self.task, self.cost, horizon=self.horizon, iterations=iterations
+        )  # fmt: skip
+
+    @contextmanager
+    def calls(self) -> Iterator[dict[str, Call]]:
+        """All that is timed, by title; the C version first."""
+        with library(self.name) as compiled:
+            compiled.criterion.restype = ctypes.c_double
+            arrays, given = self._given(self.x, self.good)
+            _agree(compiled.criterion(*given), self.evaluate(self.x, self.good), "in C")
+
+            def replace() -> None:
+                self.controller.solve(self.x)
+                self.controller.advance()
+
+            yield {
+                _IN_C: lambda: compiled.criterion(*given),
+                _EVALUATED: lambda: self.evaluate(self.x, self.good),
+                "filter decision, accepted": lambda: self.filter.decide(self.x, self.good),
+                _REPLACED: lambda: self.filter.decide(self.x, self.bad),
+                "controller iLQR alone, warm": replace,
+            }
+            del arrays
+
+    def _given(self, *inputs: Any) -> tuple[list[Any], list[Any]]:
+        """Arrays, to be kept in a name (C gets addresses, which must outlive the calls), and C's arguments."""
+        arrays = [np.array(part) for part in (self.task.parameters, self.cost.state_weights, self.cost.target, *inputs)]
+        given: list[Any] = [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in arrays]
+        return arrays, [*given, ctypes.c_double(SAMPLE_TIME), self.steps]
+
+    def in_scalars(self) -> float:
+        """The criterion in Python scalars."""
+        start = tuple(map(float, self.x))
+        return scalars.criterion(
+            *(self.task.parameters, self.cost.state_weights, self.cost.target),
+            *(start, float(self.good[0]), SAMPLE_TIME, self.steps),
+        )
+
+
+def rows(name: str, runs: int) -> list[Row]:
+    """Evaluation and replacement of a task, beside the evaluation in C."""
+    case = Case(name)
+    titles = (_IN_C, _EVALUATED, _REPLACED)
+    with case.calls() as timed:
+        c, numba, replaced = alternate(runs, *(lambda call=timed[title]: 1e6 * typical(call, 30) for title in titles))
+    in_c = f"one evaluation in C -O3, {case.steps} steps"
+    return [
+        Row(f"filter.{name}.evaluation", _EVALUATED, "us", numba, in_c, c, wanted="ratio <= 1.2"),
+        Row(f"filter.{name}.replacement", _REPLACED, "us", replaced, in_c, c),
+    ]
+
+
+def cart_pendulum(runs: int) -> list[Row]:
+    """:func:`rows` of the cart-pendulum, and the evaluation beside that in Python scalars."""
+    case = Case("cart_pendulum")
+    _agree(case.in_scalars(), case.evaluate(case.x, case.good), "in Python scalars")
+    numba, python = alternate(
+        runs,
+        lambda: 1e6 * typical(lambda: case.evaluate(case.x, case.good), 30),
+        lambda: 1e6 * typical(case.in_scalars, 2),
+    )
+    scalar = Row("filter.cart_pendulum.scalars", _EVALUATED, "us", numba, "the same in Python scalars", python)
+    return [*rows("cart_pendulum", runs), scalar]
+
+
+def slip(runs: int) -> list[Row]:
+    """:func:`rows` of SLIP."""
+    return rows("slip", runs)
+
+
+def batch(runs: int, count: int = 1000) -> list[Row]:
+    """Many states, one after the other."""
+    case = Case("cart_pendulum")
+    states = np.random.default_rng(0).normal(case.x, 1.0, (count, case.task.n))
+    values = np.zeros(count)
+    with library("cart_pendulum") as compiled:
+        _, given = kept = case._given(states, case.good)
+        out = values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+        found = np.array([case.evaluate(x, case.good) for x in states])
+        compiled.criteria(*given, count, out)
+        if not np.allclose(values, found, rtol=1e-6, atol=1e-9):
+            raise BenchError("the two versions disagree over a batch of states")
+        numba, c = alternate(
+            runs,
+            lambda: 1e6 / count * typical(lambda: [case.evaluate(x, case.good) for x in states], 1),
+            lambda: 1e6 / count * typical(lambda: compiled.criteria(*given, count, out), 1),
+        )
+        del kept
+    what = f"each of {count} states, numba, a loop in Python"
+    return [Row("filter.batch", what, "us", numba, "a loop in C -O3", c)]
 
 
 def measure(name: str, horizon: float | None, runs: int, calls: int) -> None:
     """Print the table of a task."""
-    scenario, state, push = CASES[name]
-    config: FilterConfig = load(scenario).filter
-    horizon = horizon or config.horizon
-    task = tasks.get(name)
-    cost = quadratic(task)
-    along = "user" if name == "slip" else "nominal"
-    evaluate = Criterion(task, cost, horizon=horizon, dt=SAMPLE_TIME, adjoint_along=along)
-    x, good, bad = np.array(state), -np.array(push), np.array(push)
-    if evaluate(x, good) > 0.0:
-        good, bad = bad, good
-    filter_ = MigFilter(
-        task, FilterConfig(horizon=horizon, adjoint_along=along, controller_iterations=config.controller_iterations)
-    )
-    filter_.warm_up()
-    controller = controllers.make(
-        "ilqr", task, cost, horizon=horizon, iterations=config.controller_iterations
-    )  # fmt: skip
-
-    with tempfile.TemporaryDirectory() as folder:
-        criterion_c = compile_c(Path(__file__).parent / "c" / f"{name}.c", Path(folder))
-        # Kept in a name: the library gets addresses, which must outlive the calls.
-        arrays = [np.array(part) for part in (task.parameters, cost.state_weights, cost.target, x, good)]
-        steps = round(horizon / SAMPLE_TIME)
-        given = [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in arrays]
-        given += [ctypes.c_double(SAMPLE_TIME), steps]
-        c_value, numba_value = criterion_c(*given), evaluate(x, good)
-        if abs(c_value - numba_value) > 1e-9 * abs(c_value):
-            raise SystemExit(f"the two versions disagree: {c_value!r} in C, {numba_value!r} with numba")
-
-        def replace() -> None:
-            controller.solve(x)
-            controller.advance()
-
-        measured: dict[str, tuple[Callable[[], object], list[float]]] = {
-            "criterion, C -O3 (called from Python)": (lambda: criterion_c(*given), []),
-            "criterion, numba (called from Python)": (lambda: evaluate(x, good), []),
-            "filter decision, accepted": (lambda: filter_.decide(x, good), []),
-            "filter decision, replaced (iLQR, warm)": (lambda: filter_.decide(x, bad), []),
-            "controller iLQR alone, warm": (replace, []),
-        }
-        for _ in range(runs):
-            for call, times in measured.values():
-                times.append(seconds(call, calls))
-
-    base = statistics.median(next(iter(measured.values()))[1])
+    case = Case(name, horizon)
+    with case.calls() as timed:
+        found = alternate(runs, *(lambda call=call: seconds(call, calls) for call in timed.values()))
+        titles = list(timed)
+    base = statistics.median(found[0])
     load_average = os.getloadavg()[0]
-    print(f"{name}, horizon {horizon} s = {steps} steps; {runs} runs of {calls}; load {load_average:.1f}")
+    print(f"{name}, horizon {case.horizon} s = {case.steps} steps; {runs} runs of {calls}; load {load_average:.1f}")
     print(f"{'':42}{'p50 us':>10}{'least us':>10}{'x C':>8}")
-    for title, (_, times) in measured.items():
+    for title, times in zip(titles, found, strict=True):
         middle = statistics.median(times)
         print(f"{title:42}{1e6 * middle:10.1f}{1e6 * min(times):10.1f}{middle / base:8.2f}")
 
@@ -128,8 +200,12 @@ def main() -> int:
     unknown = [name for name in options.tasks if name not in CASES]
     if unknown:
         arguments.error(f"there is no case for {unknown[0]}; there are {', '.join(CASES)}")
-    for name in options.tasks or CASES:
-        measure(name, options.horizon, options.runs, options.calls)
+    try:
+        for name in options.tasks or CASES:
+            measure(name, options.horizon, options.runs, options.calls)
+    except BenchError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     return 0
 
 

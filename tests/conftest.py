@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,6 +10,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 from node_graph import Graph
 from xdist.scheduler import LoadScopeScheduling
+
+# What tests start must never run before everything else on the machine.
+os.environ["RIG_REALTIME"] = "off"
 
 # A machine that stalls is no fault of the code: no test has a deadline.
 settings.register_profile("rig", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -71,3 +71,10 @@ double criterion(const double *physics, const double *q, const double *target, c
     }
     return rho_u * user[0];
 }
+
+/* One after the other for many states (count, N), without a caller between them. */
+void criteria(const double *physics, const double *q, const double *target, const double *starts, const double *user,
+              double h, int steps, int count, double *values)
+{
+    for (int k = 0; k < count; k++) values[k] = criterion(physics, q, target, starts + k * N, user, h, steps);
+}

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from loop_messages import SAMPLE, wrench
+from std_srvs.srv import Trigger
 
 from admittance_sim_node.node import AdmittanceSimNode
 from mig_interfaces.msg import EndEffectorState, TrialState
@@ -15,7 +17,7 @@ from shared_control.parameters import ParameterError
 
 
 def trial(phase: int, uid: int = 1) -> TrialState:
-    message = TrialState(phase=phase, uid=uid, epoch=to_stamp(LOCKSTEP_EPOCH))
+    message = TrialState(phase=phase, uid=uid, epoch=to_stamp(LOCKSTEP_EPOCH), ticks_planned=40)
     message.sample_time.nanosec = SAMPLE
     return message
 
@@ -68,6 +70,37 @@ def test_a_new_trial_starts_from_rest(single_graph: Any) -> None:
     bench.trials.publish(trial(TrialState.PHASE_ARMING, uid=2))
     single_graph.until(lambda: bench.node.armed_uid == 2)
     assert bench.push(0, 0.0).velocity.x == 0.0
+
+
+def test_without_commands_the_robot_goes_on_under_no_force_to_the_end_of_the_trial(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "robot_damping:=1.0")
+    bench.trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_RUNNING)
+    pushed = bench.push(0, 5.0)
+    graph.until(lambda: len(bench.out) == 40)
+    assert [state.tick for state in bench.out] == list(range(40)), "each tick once, none beyond the trial"
+    assert all(state.force.x == 0.0 for state in bench.out[1:])
+    assert 0.0 < bench.out[-1].velocity.x < pushed.velocity.x, "the robot's damping slows it"
+    assert bench.node.diagnose()[2]["times without command"] == 1
+    bench.commands.publish(wrench(3, 5.0))
+    graph.until(lambda: bench.node.diagnose()[2]["dropped"] == 1)
+
+
+def test_explicit_recovery_admits_nothing_until_it_is_cleared(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "recovery:=explicit")
+    bench.trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_RUNNING)
+    bench.push(0, 5.0)
+    graph.until(lambda: len(bench.out) == 40)
+    bench.commands.publish(wrench(40, 5.0))
+    graph.until(lambda: len(bench.out) == 41)
+    assert bench.out[-1].force.x == 0.0
+    assert bench.node.diagnose()[0] == DiagnosticStatus.ERROR
+    answer = graph.call(Trigger, topics.CLEAR_ROBOT_SERVICE, Trigger.Request())
+    assert answer.message == "cleared: no command came in time"
+    bench.commands.publish(wrench(41, 5.0))
+    graph.until(lambda: len(bench.out) == 42)
+    assert bench.out[-1].force.x == 5.0
 
 
 def test_a_bad_parameter_is_refused_by_name(single_graph: Any) -> None:

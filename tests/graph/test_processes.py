@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -77,11 +78,25 @@ def test_independent_readers_read_the_bag(runs: dict[str, Any]) -> None:
     assert statistics.message_count == sum(ours.values())
 
 
-def test_interrupted_it_leaves_a_closed_bag_and_no_process(tmp_path: Path) -> None:
+def ignore_interrupts() -> None:
+    """As a shell has it for what it starts in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@pytest.mark.parametrize(("number", "before"), [(signal.SIGINT, None), (signal.SIGTERM, ignore_interrupts)])
+def test_interrupted_it_leaves_a_closed_bag_and_no_process(
+    tmp_path: Path, number: signal.Signals, before: Callable[[], None] | None
+) -> None:
     out = tmp_path / "run"
     command = [sys.executable, "-m", "rig_bringup", "up", "--duration", "3600", "--out", str(out), "--no-report"]
     process = subprocess.Popen(
-        command, env=environment(), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True
+        command,
+        env=environment(),
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+        preexec_fn=before,
     )
     assert process.stderr is not None
     seen = []
@@ -91,7 +106,7 @@ def test_interrupted_it_leaves_a_closed_bag_and_no_process(tmp_path: Path) -> No
             break
     else:
         pytest.fail("it never ran: " + "".join(seen))
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     process.stderr.read()
     assert process.wait(timeout=60) == 130
     assert _processes_with(str(out)) == []

@@ -10,9 +10,9 @@ import sys
 import pytest
 
 
-def start(*arguments: str) -> subprocess.Popen[str]:
+def start(*arguments: str, **environment_besides: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "user_sim_node.main", "--ros-args", "-r", "__ns:=/rig", *arguments]
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(62 + os.getpid() % 30)}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(62 + os.getpid() % 30), **environment_besides}
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -20,6 +20,13 @@ def test_a_bad_parameter_ends_the_node_with_one_sentence() -> None:
     _, said = start("-p", "user:=ghost").communicate(timeout=120)
     assert "error: node /rig/user_sim: user" in said
     assert "Traceback" not in said
+
+
+def test_a_scheduling_that_is_none_ends_the_node_with_one_sentence() -> None:
+    process = start(RIG_REALTIME="always")
+    _, said = process.communicate(timeout=120)
+    assert said == "error: RIG_REALTIME=always is not known; it must be one of off, auto, require\n"
+    assert process.returncode == 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

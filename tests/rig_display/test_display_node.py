@@ -8,10 +8,12 @@ from typing import Any
 
 import aiohttp
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from loop_messages import SAMPLE
 from page_client import Web
+from std_srvs.srv import Trigger
 
-from mig_interfaces.msg import FilterDecision, TrialState
+from mig_interfaces.msg import FilterDecision, SessionState, TrialState
 from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_display.hand import STALLED, STOPPED
 from rig_display.node import DisplayNode
@@ -19,6 +21,20 @@ from rig_runtime import topics
 from shared_control.parameters import ParameterError
 
 TOKEN = "a-token-of-the-tests"
+
+
+def serve(graph: Any, names: tuple[str, ...]) -> list[str]:
+    """Serve triggers in the place of other nodes; a list that fills with the names of those that are called."""
+    called: list[str] = []
+
+    def answer(name: str, response: Trigger.Response) -> Trigger.Response:
+        called.append(name)
+        response.success, response.message = True, "so be it"
+        return response
+
+    for name in names:
+        graph.node.create_service(Trigger, name, lambda _, response, name=name: answer(name, response))
+    return called
 
 
 def drive(bench: Any, web: Web) -> Any:
@@ -104,6 +120,44 @@ def test_the_emergency_stop_holds_until_it_is_released(bench: Callable[..., Any]
     at.until(lambda: page.status["hand"]["reason"] == "")
     page.hold(10.0)
     at.until_force(10.0)
+
+
+def test_where_a_session_is_led_its_conductor_starts_the_trials(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("countdown:=0.0")
+    names = (topics.PAUSE_SERVICE, topics.RESUME_SERVICE, topics.REPEAT_SERVICE)
+    called = serve(at.graph, names)
+    sessions = at.graph.publisher(topics.SESSION_STATE)
+    page, operator = drive(at, web), web.page(at.node, operator=True)
+    sessions.publish(SessionState(subject="S1", trials_planned=3, set="first", trial=1, instructions="Swing it up."))
+    at.until(lambda: (operator.status.get("session") or {}).get("instructions") == "Swing it up.")
+    operator.say("start", subject="S9", group="", set="", trial=1, duration=0.0)
+    at.until(lambda: any("conductor starts the trials" in note["text"] for note in operator.notes))
+    at.until(lambda: all(client.service_is_ready() for client in at.node._desk._conductor.values()))
+    page.say("session", do="resume")
+    at.until(lambda: any("only an operator" in note["text"] for note in page.notes))
+    for what in ("pause", "resume", "repeat"):
+        operator.say("session", do=what)
+    at.until(lambda: sorted(called) == sorted(names))
+
+
+def test_a_fault_of_the_graph_is_shown_and_released(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    cleared = serve(at.graph, (topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE))
+    diagnostics = at.graph.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    at.until(lambda: diagnostics.get_subscription_count() > 0)
+
+    def say(node: str, level: bytes, message: str) -> None:
+        diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name=node, level=level, message=message)]))
+
+    page = drive(at, web)
+    say("/elsewhere/mig_filter", DiagnosticStatus.ERROR, "not ours")
+    say("/rig/mig_filter", DiagnosticStatus.ERROR, "stale wrench")
+    at.until(lambda: page.status["faults"] == ["mig_filter: stale wrench"])
+    at.until(lambda: all(client.service_is_ready() for client in at.node._desk._clearers))
+    page.say("release")
+    at.until(lambda: sorted(cleared) == sorted((topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE)))
+    say("/rig/mig_filter", DiagnosticStatus.OK, "judging")
+    at.until(lambda: page.status["faults"] == [])
 
 
 def test_what_no_page_sends_closes_the_connection_and_nothing_else(bench: Callable[..., Any], web: Web) -> None:

@@ -164,3 +164,14 @@ def test_filtered_practice_is_what_is_planted(tmp_path: Path) -> None:
     # The two trials of set 3, which follow the filtered set, of each of six subjects.
     assert len(changed) == 12
     assert all(changed)
+
+
+def test_instructions_come_before_what_they_are_for(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        "study: {scenario: cart_pendulum_noise_off, instructions: 'Push. '}\n"
+        "groups: {all: {subjects: 1, modes: ['off', training]}}\n"
+        "sets: {first: {trials: 2, instructions: Gently.}, second: {trials: 1}}\n"
+    )
+    protocol = load_protocol(path)
+    assert [protocol.instructions(trial) for trial in protocol.plan("S01")] == ["Push. Gently.", "", ""]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from shared_control import controllers, tasks
 from shared_control.cost import quadratic
-from shared_control.filter import FilterConfig, MigFilter, Mode, Reason, Verdict
+from shared_control.filter import INPUT_FAULTS, FilterConfig, MigFilter, Mode, Reason, Verdict
 from shared_control.integrate import Stepper
 from shared_control.mig import mig_integral
 from shared_control.parameters import ParameterError
@@ -20,6 +20,8 @@ TASK = tasks.get("cart_pendulum")
 #: Falling to the right: the cart must go right to catch it.
 X = np.array([0.3, 0.5, 0.0, 0.0])
 GOOD, BAD = np.array([5.0]), np.array([-5.0])
+#: Falling so fast that its cost overflows.
+SINGULAR = np.array([0.1, 0.0, 0.0, 1.7e308])
 
 
 def make(mode="assistance", **values):
@@ -145,34 +147,43 @@ def test_not_finite_never_passes(mode, bad):
     ):
         decision = filter_.decide(x, u)
         assert decision.reason == reason
-        assert decision.verdict == (Verdict.REPLACED if mode == "assistance" else Verdict.REJECTED)
+        assert decision.verdict == Verdict.REJECTED
         assert decision.applied_control == 0.0
         assert math.isnan(decision.criterion)
 
 
 def test_state_near_a_singularity():
-    decision = make("training").decide(np.array([0.1, 0.0, 0.0, 1.7e308]), GOOD)
+    decision = make("training").decide(SINGULAR, GOOD)
     assert decision.verdict == Verdict.REJECTED
     assert decision.reason == Reason.NON_FINITE_CRITERION
 
 
-def test_fallback_follows_the_last_valid_schedule_to_its_end():
+def test_without_a_criterion_assistance_follows_the_last_valid_schedule_to_its_end():
     filter_ = make(controller_horizon=0.04)
     first = filter_.decide(X, BAD).applied_control
-    later = [filter_.fallback(Reason.STALE_WRENCH, BAD) for _ in range(5)]
-    assert all(d.verdict == Verdict.REPLACED and d.reason == Reason.STALE_WRENCH for d in later)
+    later = [filter_.decide(SINGULAR, BAD) for _ in range(5)]
+    assert all(d.verdict == Verdict.REPLACED and d.reason == Reason.NON_FINITE_CRITERION for d in later)
     assert first > 0.0
     assert later[0].applied_control > 0.0
     assert later[3].applied_control == later[4].applied_control == 0.0
     filter_.decide(X, BAD)
     filter_.reset()
-    assert filter_.fallback(Reason.STALE_WRENCH, BAD).applied_control == 0.0
+    assert filter_.decide(SINGULAR, BAD).applied_control == 0.0
 
 
-def test_fallback_is_zero_without_assistance():
-    for mode in ("off", "training"):
-        decision = make(mode).fallback(5, BAD)
-        assert (decision.verdict, decision.applied_control) == (Verdict.REJECTED, 0.0)
+@pytest.mark.parametrize("mode", ["off", "training", "assistance"])
+def test_fallback_is_nothing_even_where_the_controller_would_help(mode):
+    filter_ = make(mode)
+    filter_.decide(X, BAD)
+    decision = filter_.fallback(5, BAD)
+    assert (decision.verdict, decision.reason) == (Verdict.REJECTED, Reason.STALE_WRENCH)
+    assert decision.applied_control == 0.0
+
+
+def test_reasons_of_inputs_that_are_not_to_be_believed():
+    """They are those whose names speak of a state, a wrench or its frame."""
+    named = {r for r in Reason if r.name.endswith(("_STATE", "_WRENCH", "_FRAME"))}
+    assert named == INPUT_FAULTS
 
 
 def test_mode_changes_between_ticks():

@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
 
 from mig_interfaces.msg import EndEffectorState, TaskState, TrialState
 from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_runtime import topics
+from shared_control import tasks
 from shared_control.parameters import ParameterError
 from task_sim_node.node import TaskSimNode
 
@@ -47,6 +49,11 @@ class Bench:
 
     def ended(self) -> bool:
         return bool(self.trials) and self.trials[-1].phase in (TrialState.PHASE_FINISHED, TrialState.PHASE_ABORTED)
+
+    def state_at(self, stamp: Any) -> TaskState:
+        """The state with this stamp; on another topic, it may come after what was made of it."""
+        self.graph.until(lambda: any(state.header.stamp == stamp for state in self.states))
+        return next(state for state in self.states if state.header.stamp == stamp)
 
     def run(self, **request: Any) -> list[TaskState]:
         assert self.start(**request).success
@@ -105,7 +112,8 @@ def test_a_trial_waits_for_the_nodes_it_needs_and_says_so(single_graph: Any) -> 
 
 def test_services_start_abort_and_reset(single_graph: Any) -> None:
     bench = Bench(single_graph, "pacing:=realtime", "duration:=60.0", "required_nodes:=['']")
-    assert bench.start().success
+    first = bench.start()
+    assert first.success
     single_graph.until(lambda: len(bench.states) > 3)
     again = bench.start()
     assert not again.success
@@ -118,7 +126,41 @@ def test_services_start_abort_and_reset(single_graph: Any) -> None:
     assert single_graph.call(Trigger, topics.RESET_SERVICE, Trigger.Request()).success
     single_graph.until(lambda: bench.trials[-1].phase == TrialState.PHASE_IDLE)
     assert not bench.start(duration=-1.0).success
-    assert bench.start(duration=0.05).uid == 2
+    assert bench.start(duration=0.05).uid == first.uid + 1
+
+
+@pytest.mark.parametrize("task", tasks.names())
+def test_the_picture_is_published_for_viewers(single_graph: Any, task: str) -> None:
+    robot = ("robot_damping:=40.0",) if task == "slip" else ()
+    pictures, joints = single_graph.collect(topics.MARKERS), single_graph.collect(topics.JOINT_STATES)
+    bench = Bench(single_graph, f"task:={task}", "duration:=60.0", "required_nodes:=['']", "view_rate:=100.0", *robot)
+    single_graph.until(lambda: bench.node.count_subscribers(topics.MARKERS.name) > 0)
+    bench.start()
+    single_graph.until(lambda: len(pictures) > 3 and len(joints) > 3 and len(bench.states) > 10)
+    picture, joint = pictures[-1], joints[-1]
+    state = bench.state_at(joint.header.stamp)
+    names = tasks.get(task).state_names
+    values = dict(zip(names, state.state, strict=True))
+    assert list(joint.position) == [values[name] for name in joint.name]
+    for name, velocity in zip(joint.name, joint.velocity, strict=True):
+        assert velocity == values[f"{name}_dot"] if f"{name}_dot" in values else math.isnan(velocity)
+    assert {marker.header.frame_id for marker in picture.markers} == {topics.TASK_FRAME}
+    assert len({marker.id for marker in picture.markers}) == len(picture.markers) > 2
+
+
+def test_the_pendulum_stands_in_the_picture_where_it_is(single_graph: Any) -> None:
+    pictures = single_graph.collect(topics.MARKERS)
+    bench = Bench(
+        single_graph, "duration:=60.0", "required_nodes:=['']", "initial_state:=[0.5, 0.0, 3.0, 0.0]", answer=False
+    )
+    single_graph.until(lambda: bench.node.count_subscribers(topics.MARKERS.name) > 0)
+    bench.start()
+    single_graph.until(lambda: bool(pictures))
+    spheres = [marker for marker in pictures[0].markers if marker.type == Marker.SPHERE]
+    state = bench.state_at(pictures[0].markers[0].header.stamp)
+    theta, cart = state.state[0], state.state[2]
+    bob = spheres[-1].pose.position
+    assert (bob.x, bob.z) == pytest.approx((cart + 2.0 * math.sin(theta), 2.0 * math.cos(theta)))
 
 
 def test_a_bad_parameter_is_refused_by_name(single_graph: Any) -> None:

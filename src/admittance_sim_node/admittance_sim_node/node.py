@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from mig_interfaces.msg import TrialState
 from rig_runtime import topics
+from rig_runtime.faults import FaultLatch, Silence
 from rig_runtime.node import RigNode
 from shared_control.loop import make_robot
 from shared_control.scenario import AdmittanceConfig, LoopConfig, Scenario
@@ -17,35 +19,81 @@ CONFIGURATIONS = (LoopConfig, AdmittanceConfig)
 
 
 class AdmittanceSimNode(RigNode):
-    """`mig_filter/command` in, `admittance/end_effector` out."""
+    """`mig_filter/command` in, `admittance/end_effector` out.
+
+    In real time, when no command comes for `command_timeout`, the robot goes on under no force, tick by tick, and says
+    so; a command for a tick that has passed this way is dropped. With `recovery: explicit` no force counts from then on
+    until `admittance/clear_fault` is called or a trial begins.
+    """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("admittance_sim", *CONFIGURATIONS, **kwargs)
-        self._agent = make_robot(
-            Scenario(loop=self.parameters.get(LoopConfig), robot=self.parameters.get(AdmittanceConfig))
-        )
-        self._dropped = 0
-        self._gaps = 0
+        loop = self.parameters.get(LoopConfig)
+        self._agent = make_robot(Scenario(loop=loop, robot=self.parameters.get(AdmittanceConfig)))
+        self._dropped = self._gaps = self._losses = 0
+        self._sample_time = loop.sample_time
+        self._silence = Silence(loop.command_timeout)
+        self._lost_at = 0
+        self._latch: FaultLatch[str] = FaultLatch(loop.recovery == "explicit")
         self._zero = np.zeros(3)
         self._command = topics.COMMAND.wire()
         self._state = topics.END_EFFECTOR.wire()
         self._publisher = self.loop_publisher(topics.END_EFFECTOR)
         self.loop_subscription(topics.COMMAND, self._on_command, raw=True)
+        if loop.pacing == "realtime":
+            self.create_timer(self._silence.period, self._watchdog, clock=self.steady)
+        self.serve_clearing(topics.CLEAR_ROBOT_SERVICE, self._latch)
 
     def prepare(self) -> None:
         self._agent.warm_up()
 
     def arm(self, trial: TrialState) -> None:
         self._agent.reset()
-        self._dropped = self._gaps = 0
+        self._dropped = self._gaps = self._losses = 0
+        self._silence.heard()
+        self._latch.clear()
 
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
-        level = DiagnosticStatus.WARN if self._dropped or self._gaps else DiagnosticStatus.OK
-        values = {"ticks": self.ticks_done, "dropped": self._dropped, "ticks without command": self._gaps}
-        return level, "moving", values
+        level, message = DiagnosticStatus.OK, "moving"
+        if self._dropped or self._gaps:
+            level = DiagnosticStatus.WARN
+        if self._latch.kept is not None:
+            level = DiagnosticStatus.ERROR
+            message = f"{self._latch.kept}: no force until {topics.CLEAR_ROBOT_SERVICE} is called"
+        values = {
+            "ticks": self.ticks_done,
+            "dropped": self._dropped,
+            "ticks without command": self._gaps,
+            "times without command": self._losses,
+        }
+        return level, message, values
+
+    def _watchdog(self) -> None:
+        # Before its first command of a trial the robot stands, and after its last tick it has nothing to follow.
+        if self.trial.phase != TrialState.PHASE_RUNNING or not self.ticks_done:
+            return
+        was_silent = self._silence.silent
+        if not self._silence.look():
+            return
+        if not was_silent:
+            self._lost_at = self.ticks_done
+            self._latch.hold("no command came in time")
+        # One less than have been due: the task takes no motion for a tick that it has not published yet.
+        passed = self._lost_at + int(self._silence.lasting / self._sample_time) - 1
+        while self.ticks_done < min(passed, self.trial.ticks_planned):
+            self._move(self.ticks_done, self._zero)
+            self._gaps += 1
+        if not was_silent:
+            # Said when it is done: words can wait.
+            self._losses += 1
+            self.get_logger().error(
+                f"no command for {self._silence.lasting:.3g} s: no force", throttle_duration_sec=1.0
+            )
+            self.publish_diagnostics()
 
     def _on_command(self, data: bytes) -> None:
-        command, state = self._command, self._state
+        self._silence.heard()
+        command = self._command
         command.load(data)
         tick = self.tick_of(command.stamp)
         if tick is None or tick < self.ticks_done:
@@ -56,10 +104,14 @@ class AdmittanceSimNode(RigNode):
             self._agent.step(self._zero)
             self.ticks_done += 1
             self._gaps += 1
-        motion = self._agent.step(command["wrench.force"])
-        state.stamp = command.stamp
+        self._move(tick, command["wrench.force"] if self._latch.kept is None else self._zero)
+
+    def _move(self, tick: int, force: npt.NDArray[np.float64]) -> None:
+        assert self.clock is not None
+        state, motion = self._state, self._agent.step(force)
+        state.stamp = self.clock.stamp(tick)
         state["tick"] = tick
-        state["force"] = command["wrench.force"]
+        state["force"] = force
         state["position"] = motion.position
         state["velocity"] = motion.velocity
         state["acceleration"] = motion.acceleration

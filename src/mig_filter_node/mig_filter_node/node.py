@@ -9,16 +9,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from mig_interfaces.msg import TrialState
 from rig_runtime import topics
+from rig_runtime.faults import FaultLatch, Lateness, Silence, in_words
 from rig_runtime.node import RigNode
 from rig_runtime.ticks import Matched, TickMatcher, to_nanoseconds
 from rig_runtime.wire import stamp_of
 from shared_control.filter import Reason, Verdict
-from shared_control.loop import FilterOutcome, make_filter
+from shared_control.loop import INPUT_FAULTS, FilterOutcome, make_filter
 from shared_control.parameters import declarations
 from shared_control.scenario import FilterConfig, LoopConfig, Scenario
 
 #: Reasons that tell of something wrong, not of the user's action.
-_FAULTS = frozenset(reason for reason in Reason if reason >= Reason.NON_FINITE_WRENCH)
+_FAULTS = INPUT_FAULTS | {Reason.NOT_CONVERGED, Reason.NON_FINITE_CRITERION}
 
 CONFIGURATIONS = (LoopConfig, FilterConfig)
 
@@ -26,8 +27,10 @@ CONFIGURATIONS = (LoopConfig, FilterConfig)
 class MigFilterNode(RigNode):
     """`task/state`, `force_sensor/wrench` in; `mig_filter/command`, the verdict's topic, `mig_filter/decision` out.
 
-    Every tick that has a state gets exactly one decision. A wrench that is missing for `command_timeout`, not finite or
-    in another frame gets the safe command and the reason, never a silent pass.
+    Every tick that has a state gets exactly one decision. A wrench that is late by `command_timeout`, in another frame
+    or beyond `max_force`, a state that is late by `state_timeout`, and what is not finite gets no force and the reason,
+    never a silent pass. With `recovery: explicit` that stays so until `mig_filter/clear_fault` is called or a trial
+    begins.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -35,9 +38,15 @@ class MigFilterNode(RigNode):
         loop = self.parameters.get(LoopConfig)
         self._realtime = loop.pacing == "realtime"
         self._timeout = to_nanoseconds(loop.command_timeout)
+        self._state_timeout = to_nanoseconds(loop.state_timeout) if self._realtime else 0
         self._agent = make_filter(Scenario(loop=loop, filter=self.parameters.get(FilterConfig)))
         self.parameters.on_change(self._reconfigure)
         self._matcher: TickMatcher[bytes, bytes] = TickMatcher()
+        self._lateness = Lateness()
+        self._newest_state = -1
+        self._ahead = 0
+        self._wrench_silence = Silence(loop.command_timeout)
+        self._latch: FaultLatch[Reason] = FaultLatch(loop.recovery == "explicit")
         self._verdicts = dict.fromkeys(Verdict, 0)
         self._reasons = dict.fromkeys(Reason, 0)
         self._slowest = 0.0
@@ -56,7 +65,8 @@ class MigFilterNode(RigNode):
         self.loop_subscription(topics.TASK_STATE, self._on_state, raw=True)
         self.loop_subscription(topics.WRENCH, self._on_wrench, raw=True)
         if self._realtime:
-            self.create_timer(loop.command_timeout / 5, self._watchdog, clock=self.steady)
+            self.create_timer(self._wrench_silence.period, self._watchdog, clock=self.steady)
+        self.serve_clearing(topics.CLEAR_FILTER_SERVICE, self._latch)
 
     def prepare(self) -> None:
         self._agent.warm_up()
@@ -64,6 +74,10 @@ class MigFilterNode(RigNode):
     def arm(self, trial: TrialState) -> None:
         self._agent.reset()
         self._matcher.reset()
+        self._lateness.reset()
+        self._newest_state, self._ahead = -1, 0
+        self._wrench_silence.heard()
+        self._latch.clear()
         self._verdicts = dict.fromkeys(Verdict, 0)
         self._reasons = dict.fromkeys(Reason, 0)
         self._slowest = 0.0
@@ -71,47 +85,89 @@ class MigFilterNode(RigNode):
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
         matcher = self._matcher
         faults = {reason: n for reason, n in self._reasons.items() if reason in _FAULTS and n}
-        bad = bool(faults) or matcher.late > 0 or matcher.overflows > 0
+        kept = self._latch.kept
+        level, message = DiagnosticStatus.OK, "judging"
+        if faults or matcher.late or matcher.overflows or matcher.duplicates or self._ahead:
+            level = DiagnosticStatus.WARN
+        if kept is not None:
+            level = DiagnosticStatus.ERROR
+            message = f"{in_words(kept)}: no force until {topics.CLEAR_FILTER_SERVICE} is called"
         values: dict[str, object] = {"mode": self._agent.mode.name.lower(), "ticks": self.ticks_done}
         values |= {verdict.name.lower(): n for verdict, n in self._verdicts.items()}
         values |= {f"reason {reason.name.lower()}": n for reason, n in faults.items()}
         values |= {"late": matcher.late, "duplicates": matcher.duplicates, "overflows": matcher.overflows}
+        values["ahead of time"] = self._ahead
         values["slowest decision [ms]"] = round(1e3 * self._slowest, 3)
-        return DiagnosticStatus.WARN if bad else DiagnosticStatus.OK, "judging", values
+        return level, message, values
 
     def _reconfigure(self) -> None:
         config = self.parameters.get(FilterConfig)
         self._agent.configure(**{d.name: getattr(config, d.name) for d in declarations(FilterConfig) if d.live})
 
     def _on_state(self, data: bytes) -> None:
-        for tick in self._matcher.put_left(stamp_of(data), data, time.monotonic_ns()):
+        now, stamp = time.monotonic_ns(), stamp_of(data)
+        self._newest_state = max(self._newest_state, stamp)
+        for tick in self._matcher.put_left(stamp, data, now):
             self._decide(tick)
+        if self._realtime and self._wrench_silence.silent:
+            # Nobody pushes: it would only be later that nothing is admitted.
+            self._give_up(now + 1)
 
     def _on_wrench(self, data: bytes) -> None:
-        for tick in self._matcher.put_right(stamp_of(data), data, time.monotonic_ns()):
+        self._wrench_silence.heard()
+        stamp = stamp_of(data)
+        if self._realtime and stamp - self._newest_state > self._timeout and self._newest_state >= 0:
+            # It may overtake its state on the other topic, but nobody answers a state that is so far from being there.
+            self._ahead += 1
+            return
+        for tick in self._matcher.put_right(stamp, data, time.monotonic_ns()):
             self._decide(tick)
 
     def _watchdog(self) -> None:
-        for tick in self._matcher.expire(time.monotonic_ns() - self._timeout):
+        if not self.ticks_done and not self._matcher.waiting:
+            return  # before the first tick nobody is asked to push
+        now = time.monotonic_ns()
+        self._give_up(now if self._wrench_silence.look() else now - self._timeout)
+
+    def _give_up(self, received_before: int) -> None:
+        for tick in self._matcher.expire(received_before):
             self._decide(tick)
 
     def _decide(self, tick: Matched[bytes, bytes]) -> None:
         begin = time.monotonic_ns()
         state, wrench = self._state, self._wrench
         state.load(tick.left)
+        kept = self._latch.kept
+        fault = self._latch.hold(self._fault(tick))
         force = wrench["wrench.force"]
-        if tick.right is None:
-            force[:] = 0.0
-            outcome = self._agent.fallback(Reason.STALE_WRENCH, force)
-        elif not wrench.load(tick.right):
-            outcome = self._agent.fallback(Reason.UNKNOWN_FRAME, force)
-        else:
+        if fault is None:
             outcome = self._agent.decide(state["state"], force, state["mode"])
+            if outcome.decision.reason in INPUT_FAULTS:
+                self._latch.hold(outcome.decision.reason)
+        else:
+            outcome = self._agent.fallback(fault, force)
         self._publish_command(outcome, tick.stamp)
         self._publish_decision(outcome, tick, begin)
         self._verdicts[outcome.decision.verdict] += 1
         self._reasons[outcome.decision.reason] += 1
         self.ticks_done += 1
+        if self._latch.kept is not kept:
+            self.get_logger().error(self.diagnose()[1])
+            self.publish_diagnostics()
+
+    def _fault(self, tick: Matched[bytes, bytes]) -> Reason | None:
+        """What is wrong with a tick's state or wrench before one looks at their numbers; loads the wrench."""
+        late = self._state_timeout and self._lateness.of(tick.stamp, tick.left_received) > self._state_timeout
+        if tick.right is None:
+            self._wrench["wrench.force"] = 0.0
+            return Reason.STALE_STATE if late else Reason.STALE_WRENCH
+        if not self._wrench.load(tick.right):
+            return Reason.UNKNOWN_FRAME
+        if late:
+            return Reason.STALE_STATE
+        # A wrench that waited for its tick, stamped ahead of time, is no more what the hand does now.
+        waited = self._realtime and tick.left_received - tick.right_received > self._timeout
+        return Reason.STALE_WRENCH if waited else None
 
     def _publish_command(self, outcome: FilterOutcome, stamp: int) -> None:
         # The command goes first: it is what the loop waits for.

@@ -11,7 +11,8 @@ __all__ = ["QUEUE_DEPTH", "RecorderConfig"]
 
 _PER_TICK = tuple(topic.name for topic in topics.PER_TICK)
 _BY_VERDICT = tuple(topic.name for topic in topics.BY_VERDICT)
-_BESIDES = (topics.TRIAL_STATE.name, topics.NODE_REPORT.name, "task/joint_states", "task/markers", "/diagnostics")
+_VIEW = (topics.JOINT_STATES.name, topics.MARKERS.name)
+_BESIDES = (topics.TRIAL_STATE.name, topics.NODE_REPORT.name, *_VIEW, "/diagnostics")
 
 #: [messages] that wait in the middleware while the recorder is busy; in lockstep the pacemaker stays within it.
 QUEUE_DEPTH = 1000

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import os
+import signal
 import sys
+from pathlib import Path
 
 #: Module and function behind each command. Imported only when it is asked for: none pays for another's start-up.
 _COMMANDS = {
@@ -15,6 +18,9 @@ _COMMANDS = {
     "study": ("rig_bringup.session", "main"),
     "montecarlo": ("rig_study.sweep_cli", "montecarlo"),
     "sweep": ("rig_study.sweep_cli", "sweep"),
+    "soak": ("rig_bringup.soak", "main"),
+    "faults": ("rig_bringup.faults.cli", "main"),
+    "bench": ("rig_bringup.__main__", "bench"),
     "analyze": ("rig_study.analyze_cli", "main"),
 }
 
@@ -25,6 +31,9 @@ def main() -> int:
     if command not in _COMMANDS:
         print(f"error: there is no command {command!r}; use {', '.join(_COMMANDS)}", file=sys.stderr)
         return 2
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # Also in the background, where a shell has interrupts ignored; `kill` ends a run as Ctrl-C does.
+        signal.signal(number, signal.default_int_handler)
     module, function = _COMMANDS[command]
     code: int = getattr(importlib.import_module(module), function)(rest)
     return code
@@ -35,6 +44,12 @@ def bag(arguments: list[str]) -> int:
     from rig_bag.cli import main as bag_main
 
     return bag_main(arguments, "./rig bag", about=trial_of)
+
+
+def bench(arguments: list[str]) -> int:
+    """`./rig bench`: becomes the checkout's own measurements, which are not installed."""
+    suite = Path(os.environ["RIG_ROOT"]) / "bench" / "suite.py"
+    os.execv(sys.executable, [sys.executable, str(suite), *arguments])
 
 
 def trial_of(bag: str) -> str:

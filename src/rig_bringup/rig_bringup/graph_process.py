@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
@@ -44,6 +45,11 @@ class GraphProcess:
         """None while it runs."""
         return self._process.poll()
 
+    def send_all(self, number: signal.Signals) -> None:
+        """Send a signal to what was started and to all that it has started in the same process group."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
+
     def stop(self) -> int:
         """End the graph and wait for it; return its exit code. Interrupting this does not interrupt the ending."""
         was = signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -59,14 +65,16 @@ class GraphProcess:
         finally:
             signal.signal(signal.SIGINT, was)
 
-    def _kill_session(self) -> None:
+    def left(self) -> list[int]:
+        """Processes of the graph that there are."""
         # The nodes lead process groups of their own, but all of them are in the session that was started here.
-        for entry in Path("/proc").iterdir():
-            if entry.name.isdigit() and _session_of(int(entry.name)) == self._process.pid:
-                try:
-                    os.kill(int(entry.name), signal.SIGKILL)
-                except ProcessLookupError:
-                    continue
+        pids = (int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit())
+        return [pid for pid in pids if _session_of(pid) == self._process.pid]
+
+    def _kill_session(self) -> None:
+        for pid in self.left():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
 
     def last_words(self, count: int = 12) -> str:
         """The end of what the graph printed."""
@@ -80,6 +88,8 @@ _PR_SET_PDEATHSIG = 1
 
 def _end_with_parent() -> None:
     """In the child, before it becomes the graph: have it interrupted if the parent dies without a word."""
+    # A shell that starts us in the background has us ignore interrupts, which the graph would inherit for good.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 

@@ -64,7 +64,7 @@ class Checked:
 def load(name: str, overrides: Mapping[str, Any], *, person: bool = False) -> Checked:
     """Find a scenario by name or path, check it, and put shared values from the command line on top.
 
-    With `person` the display takes the place of the simulated user.
+    With `person` the display takes the place of the simulated user, and a fault stays until somebody clears it.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def load(name: str, overrides: Mapping[str, Any], *, person: bool = False) -> Ch
         display = asdict(build(DisplayConfig, _section(path, _DISPLAY, DisplayConfig)))
     except ParameterError as error:
         raise ScenarioError(str(error)) from None
-    result = checked(scenario, recorder, overrides)
+    result = checked(scenario, recorder, {"recovery": "explicit", **overrides} if person else overrides)
     return replace(result, display=_without_secrets(display)) if person else result
 
 

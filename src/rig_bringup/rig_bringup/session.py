@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
-from rig_bringup.up import Line, graph_command
+from rig_bringup.up import Line, graph_command, scheduling
 from rig_study import study_cli
 from rig_study.protocol import Protocol, load_protocol
 from rig_study.session import Session
@@ -38,7 +38,8 @@ def conduct(options: argparse.Namespace) -> int:
         print(f"{protocol.name}, {options.subject}, in {folder}", flush=True)
         if options.display:
             print(f"driver    http://127.0.0.1:{options.port}/\noperator  http://127.0.0.1:{options.port}/operator")
-        environment = {"RIG_NAMESPACE": options.namespace} | ({"RIG_USER": "display"} if options.display else {})
+        environment = {"RIG_NAMESPACE": options.namespace, **scheduling(options.pacing)}
+        environment |= {"RIG_USER": "display"} if options.display else {}
         command = graph_command(options.compose, files, options.namespace)
         try:
             graph = stack.enter_context(GraphProcess(command, folder / "graph.log", environment))
@@ -98,8 +99,8 @@ def _lead(session: Session, graph: GraphProcess, options: argparse.Namespace) ->
     executor.add_node(node)
     abort = node.create_client(AbortTrial, topics.ABORT_SERVICE)
     calls = {
-        key: (node.create_client(Trigger, f"conductor/{name}"), Trigger.Request())
-        for key, name in (("p", "pause"), ("", "resume"), ("r", "repeat"))
+        key: (node.create_client(Trigger, name), Trigger.Request())
+        for key, name in (("p", topics.PAUSE_SERVICE), ("", topics.RESUME_SERVICE), ("r", topics.REPEAT_SERVICE))
     } | {"a": (abort, AbortTrial.Request(reason="aborted by the operator"))}
     try:
         while not node.over:

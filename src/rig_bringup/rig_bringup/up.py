@@ -8,7 +8,7 @@ import secrets
 import socket
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 DEFAULT_SCENARIO = "cart_pendulum_noise_assistance"
 
+Sampler = Callable[[GraphProcess], None]
+
 #: [s] How long the nodes may take to be ready, and the recorder to close its bag.
 _READY_LIMIT = 60.0
 _CLOSE_LIMIT = 30.0
@@ -37,6 +39,8 @@ def parser() -> argparse.ArgumentParser:
         prog="./rig up",
         description="Run one trial on the live ROS 2 graph: start the nodes, wait until all endpoints match, run, "
         "record to a bag, report. Ctrl-C at any moment leaves a closed, readable bag and no process behind.",
+        epilog="environment: RIG_REALTIME=off|auto|require asks for real-time scheduling and locked memory in trials "
+        "paced by wall time (auto: what is permitted; ./rig doctor says what is), RIG_CPUS=0,2-3 for processors",
     )
     result.add_argument(
         "scenario", nargs="?", help=f"name under config/, or a path ({DEFAULT_SCENARIO}, or that of --user-from)"
@@ -70,8 +74,11 @@ def display(argv: Sequence[str]) -> int:
     return main(["--display", *argv])
 
 
-def main(argv: Sequence[str]) -> int:
-    """Run a trial; 0 if it ran to its end, 130 if it was interrupted, 2 for bad input, 1 for anything else."""
+def main(argv: Sequence[str], sampler: Sampler = lambda graph: None) -> int:
+    """Run a trial; 0 if it ran to its end, 130 if it was interrupted, 2 for bad input, 1 for anything else.
+
+    `sampler` is called with the graph again and again while the trial runs.
+    """
     arguments = parser().parse_args(argv)
     try:
         checked, replay = _load(arguments)
@@ -87,7 +94,7 @@ def main(argv: Sequence[str]) -> int:
     if checked.display is not None:
         print(_invitation(checked.display, arguments), flush=True)
     print(f"{checked.scenario.name}: {loop.duration:g} s, {loop.pacing}, seed {loop.seed}, in {out}", flush=True)
-    code = _run(arguments, files, out)
+    code = _run(arguments, files, out, loop.pacing, sampler)
     return _finish(bag, out, code, report=not arguments.no_report)
 
 
@@ -192,22 +199,27 @@ def graph_command(compose: bool, files: list[Path], namespace: str) -> list[str]
     return ["ros2", "run", "rig_bringup", "compose", "--ros-args", "-r", f"__ns:=/{namespace}", *parameters]
 
 
-def _run(arguments: argparse.Namespace, files: list[Path], out: Path) -> int:
-    environment = {"RIG_NAMESPACE": arguments.namespace}
+def scheduling(pacing: str) -> dict[str, str]:
+    """What the graph's processes are to ask for: real time, if the user says nothing else; never in lockstep."""
+    return {"RIG_REALTIME": (os.environ.get("RIG_REALTIME") or "auto") if pacing == "realtime" else "off"}
+
+
+def _run(arguments: argparse.Namespace, files: list[Path], out: Path, pacing: str, sampler: Sampler) -> int:
+    environment = {"RIG_NAMESPACE": arguments.namespace, **scheduling(pacing)}
     if arguments.display:
         # By the environment, since the files of a run are kept and a token is not to be.
         environment |= {"RIG_USER": "display", "RIG_DISPLAY_TOKEN": arguments.token or ""}
     command = graph_command(arguments.compose, files, arguments.namespace)
     try:
         with GraphProcess(command, out / "graph.log", environment) as graph:
-            return _watch(graph, arguments.namespace)
+            return _watch(graph, arguments.namespace, sampler)
     except KeyboardInterrupt:
         _line_end()
         print("interrupted: the graph has ended and the bag is closed", file=sys.stderr)
         return 130
 
 
-def _watch(graph: GraphProcess, namespace: str) -> int:
+def _watch(graph: GraphProcess, namespace: str, sampler: Sampler) -> int:
     # Imported while the nodes start: it takes about as long as they do.
     from mig_interfaces.msg import TrialState
     from rig_bringup.monitor import Monitor
@@ -221,6 +233,7 @@ def _watch(graph: GraphProcess, namespace: str) -> int:
                 return 1
             monitor.wait(0.1)
             line.show(monitor.progress())
+            sampler(graph)
         limit = time.monotonic() + _CLOSE_LIMIT
         while not monitor.bag_closed and graph.exit_code is None and time.monotonic() < limit:
             monitor.wait(0.1)

@@ -9,6 +9,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.client import Client
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_runtime import topics
@@ -28,6 +29,17 @@ class GraphDesk:
         self._node = node
         self._starter = node.create_client(StartTrial, topics.START_SERVICE)
         self._aborter = node.create_client(AbortTrial, topics.ABORT_SERVICE)
+        self._clearers = [
+            node.create_client(Trigger, name) for name in (topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE)
+        ]
+        self._conductor = {
+            what: node.create_client(Trigger, name)
+            for what, name in (
+                ("pause", topics.PAUSE_SERVICE),
+                ("resume", topics.RESUME_SERVICE),
+                ("repeat", topics.REPEAT_SERVICE),
+            )
+        }
         self._setter = node.create_client(SetParameters, f"{FILTER}/set_parameters")
         self._getter = node.create_client(GetParameters, f"{FILTER}/get_parameters")
 
@@ -39,6 +51,15 @@ class GraphDesk:
         """`trial/abort`."""
         request = AbortTrial.Request(reason=reason)
         self._ask(self._aborter, request, done, lambda answer: (answer.success, answer.message))
+
+    def clear_faults(self, done: Done) -> None:
+        """`clear_fault` of the filter and of the robot."""
+        for client in self._clearers:
+            self._ask(client, Trigger.Request(), done, lambda answer: (answer.success, answer.message))
+
+    def lead(self, what: str, done: Done) -> None:
+        """`pause`, `resume` or `repeat` of the session's conductor."""
+        self._ask(self._conductor[what], Trigger.Request(), done, lambda answer: (answer.success, answer.message))
 
     def set_mode(self, mode: str, done: Done) -> None:
         """The filter's parameter `mode`."""

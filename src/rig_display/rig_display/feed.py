@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from mig_interfaces.msg import FilterDecision, RecorderState, TaskState, TrialState
+from mig_interfaces.msg import FilterDecision, RecorderState, SessionState, TaskState, TrialState
 from rig_display.hand import Sample
 from rig_display.protocol import finite_or_none
 
@@ -31,6 +31,10 @@ class Feed:
         self.wake: Callable[[], None] = lambda: None
         self.trial: dict[str, Any] = {"phase": "idle", "message": "no trial/state has come yet"}
         self.recorder: dict[str, Any] | None = None
+        #: What a node has stopped for, by its name.
+        self.faults: dict[str, str] = {}
+        #: How far the session is; None where none is led.
+        self.session: dict[str, Any] | None = None
         self.mode: str | None = None
         self.target: tuple[float, ...] = ()
         self._states: deque[list[Any]] = deque(maxlen=_DEPTH)
@@ -92,6 +96,28 @@ class Feed:
             "published": trial.ticks_published,
             "missed": trial.missed_deadlines,
             "outcome": trial.outcome,
+        }
+
+    def put_fault(self, node: str, message: str | None) -> bool:
+        """What a node has stopped for, None if for nothing; whether that is news."""
+        if self.faults.get(node) == message:
+            return False
+        others = {name: said for name, said in self.faults.items() if name != node}
+        self.faults = others if message is None else {**others, node: message}
+        return True
+
+    def put_session(self, state: SessionState) -> None:
+        """How far the session is."""
+        self.session = {
+            "done": state.trials_done,
+            "planned": state.trials_planned,
+            "remaining": state.remaining.sec,
+            "set": state.set,
+            "trial": state.trial,
+            "waiting": state.waiting,
+            "over": state.over,
+            "doing": state.doing,
+            "instructions": state.instructions,
         }
 
     def put_recorder(self, state: RecorderState) -> None:

@@ -7,12 +7,11 @@ import time
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 
-from mig_interfaces.msg import FilterDecision, NodeReport, RecorderState, TaskState, TrialState
+from mig_interfaces.msg import FilterDecision, NodeReport, RecorderState, SessionState, TaskState, TrialState
 from rig_display.desk import GraphDesk
-from rig_display.drawing import scene
 from rig_display.feed import Feed
 from rig_display.gate import Gate
 from rig_display.hand import STALLED, Hand
@@ -65,6 +64,9 @@ class DisplayNode(RigNode):
         self.loop_subscription(topics.DECISION, self._on_decision)
         recorder = topics.RECORDER_STATE
         self.create_subscription(recorder.type, recorder.name, self._on_recorder, recorder.qos)
+        session = topics.SESSION_STATE
+        self.create_subscription(session.type, session.name, self._on_session, session.qos)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self.create_timer(_WATCH_PERIOD, self._watch, clock=self.steady)
 
     # -- life ----------------------------------------------------------------------------------------------------
@@ -153,6 +155,19 @@ class DisplayNode(RigNode):
     def _on_recorder(self, state: RecorderState) -> None:
         self.feed.put_recorder(state)
 
+    def _on_session(self, state: SessionState) -> None:
+        self.feed.put_session(state)
+        self.server.call(self.seat.on_change)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        home = self.get_namespace().rstrip("/") + "/"
+        for status in array.status:
+            failed = status.level == DiagnosticStatus.ERROR
+            if status.name.startswith(home) and self.feed.put_fault(
+                status.name.removeprefix(home), status.message if failed else None
+            ):
+                self.server.call(self.seat.on_change)
+
     def _watch(self) -> None:
         reason = self.hand.reason(time.monotonic_ns())
         if reason != self._reason:
@@ -189,7 +204,7 @@ class DisplayNode(RigNode):
             "states": [list(pair) for pair in zip(task.state_names, task.state_units, strict=True)],
             "angles": list(task.angles),
             "initial": task.initial_state.tolist(),
-            "scene": scene(task, self.feed.target),
+            "scene": task.scene(self.feed.target or task.target),
             "sample": self._loop.sample_time,
             "dwell": task.success_dwell,
             "limits": list(self.hand.limits),

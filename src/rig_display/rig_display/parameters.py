@@ -36,6 +36,7 @@ class DisplayConfig:
     spring_damping: float = parameter(9.0, "of the spring to the hand", unit="N s/m", ge=0.0, le=100000.0)
     feedback: bool = parameter(False, "show and feel the filter's verdicts on the driver's page", live=True)
     driver_starts: bool = parameter(
-        True, "whether who drives may begin a trial and release the emergency stop; otherwise only an operator"
+        True,
+        "whether who drives may begin a trial, release the stop and clear faults; otherwise only an operator",
     )
     countdown: float = parameter(3.0, "from Start on the page to the trial", unit="s", ge=0.0, le=60.0)

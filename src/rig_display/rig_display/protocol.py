@@ -95,11 +95,12 @@ _FIELDS: dict[str, dict[str, _Check]] = {
     },
     "abort": {"reason": _text(200)},
     "mode": {"mode": _one_of("off", "training", "assistance")},
+    "session": {"do": _one_of("pause", "resume", "repeat")},
     "feedback": {"on": lambda value: _flag(value)},
 }
 
 #: Types that act on the graph: rarer, and limited more tightly.
-COMMANDS = frozenset({"drive", "leave", "release", "start", "abort", "mode", "feedback"})
+COMMANDS = frozenset({"drive", "leave", "release", "start", "abort", "mode", "session", "feedback"})
 
 
 def _flag(value: Any) -> bool:

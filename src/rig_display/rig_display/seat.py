@@ -30,6 +30,10 @@ class Desk(Protocol):
 
     def set_mode(self, mode: str, done: Done) -> None: ...
 
+    def clear_faults(self, done: Done) -> None: ...
+
+    def lead(self, what: str, done: Done) -> None: ...
+
 
 class Seat:
     """One driver's seat, and everyone around it.
@@ -161,6 +165,8 @@ class Seat:
     def _take_release(self, client: Client, _: dict[str, Any]) -> None:
         if self._in_charge(client):
             self._hand.release()
+            if self.feed.faults:
+                self._desk.clear_faults(self._answer(client))
 
     def _take_feedback(self, client: Client, message: dict[str, Any]) -> None:
         if self._in_charge(client):
@@ -177,6 +183,10 @@ class Seat:
             self._cancel_countdown()
         else:
             self._desk.abort(message["reason"], self._answer(client))
+
+    def _take_session(self, client: Client, message: dict[str, Any]) -> None:
+        if self._in_charge(client, operator_only=True):
+            self._desk.lead(message["do"], self._answer(client))
 
     def _take_start(self, client: Client, message: dict[str, Any]) -> None:
         if not self._in_charge(client) or self._countdown is not None:
@@ -201,6 +211,8 @@ class Seat:
     def _why_not_start(self) -> str:
         if self.driver is None:
             return "nobody drives: take control on the driver's page first"
+        if self.feed.session is not None and not self.feed.session["over"]:
+            return "a session is led here, and its conductor starts the trials: use Go on, Pause and Repeat"
         return "release the emergency stop first" if self._hand.stopped_by else ""
 
     def _in_charge(self, client: Client, operator_only: bool = False) -> bool:
@@ -241,6 +253,8 @@ class Seat:
                 "clipped": self._hand.clipped,
                 "rate": self._force_rate(now),
             },
+            "faults": [f"{node}: {message}" for node, message in self.feed.faults.items()],
+            "session": self.feed.session,
             "feedback": self.feedback,
             "mode": self.feed.mode,
             "recorder": self.feed.recorder,

@@ -13,9 +13,11 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
 
 from mig_interfaces.msg import NodeReport, TrialState
 from rig_runtime import topics
+from rig_runtime.faults import FaultLatch, in_words
 from rig_runtime.parameters import NodeParameters
 from rig_runtime.realtime import collect_garbage
 from rig_runtime.ticks import NANOSECONDS, TickClock, from_stamp
@@ -47,6 +49,8 @@ class RigNode(Node):
         #: The trial's ticks; None until its t_0 is known.
         self.clock: TickClock | None = None
         self.exit_code = 0
+        #: How the process is scheduled, for diagnostics; set by `rig_runtime.run`.
+        self.scheduling = "not by rig_runtime.run"
         self._publishers_of_loop: dict[str, Publisher[Any]] = {}
         self._subscriptions_of_loop: dict[str, Subscription[Any]] = {}
         self._on_stop: Callable[[], None] | None = None
@@ -97,6 +101,17 @@ class RigNode(Node):
     def cover_subscription(self, subscription: Subscription[Any]) -> None:
         """Let the readiness proof cover a subscription that was opened otherwise."""
         self._subscriptions_of_loop[subscription.topic_name] = subscription
+
+    def serve_clearing(self, service: str, latch: FaultLatch[Any]) -> None:
+        """Serve the clearing of a fault that is kept."""
+
+        def clear(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            kept = latch.clear()
+            response.success, response.message = True, f"cleared: {in_words(kept)}" if kept is not None else "no fault"
+            self.publish_diagnostics()
+            return response
+
+        self.create_service(Trigger, service, clear)
 
     # -- the end -------------------------------------------------------------------------------------------------
 
@@ -172,6 +187,7 @@ class RigNode(Node):
     def publish_diagnostics(self) -> None:
         """Publish what :meth:`diagnose` says; a timer does it once a second."""
         level, message, values = self.diagnose()
+        values = {**values, "scheduling": self.scheduling}
         status = DiagnosticStatus(
             level=level,
             name=self.get_fully_qualified_name(),

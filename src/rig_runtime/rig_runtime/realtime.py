@@ -1,8 +1,184 @@
-"""Settings of the process for a steady 100 Hz."""
+"""Settings of the process for a steady loop: real-time scheduling, locked memory, processors, the garbage collector.
+
+Two environment variables ask for them, because they must hold before the middleware starts, when no parameter is read:
+
+    RIG_REALTIME   off (the default), auto: what is permitted, require: an error if anything is not
+    RIG_CPUS       processors to run on, such as 0,2-3; all if not set
+
+`./rig up` asks for `auto` where the trial is paced by wall time. A graph in lockstep takes all the time it gets and
+must never run before everything else, so there it asks for `off`. Nothing but Python is needed here: `./rig doctor`
+asks before anything is installed.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import gc
+import os
+import resource
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+#: Above every ordinary thread, below the kernel's threads for interrupts (50), which timers and the network need.
+PRIORITY = 20
+
+MODES = ("off", "auto", "require")
+
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+_CAP_IPC_LOCK = 14
+
+
+class RealtimeError(Exception):
+    """What was asked for is not a setting, or cannot be had; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is asked for."""
+
+    mode: str = "off"
+    cpus: frozenset[int] = frozenset()
+
+    @classmethod
+    def from_environment(cls, environment: Mapping[str, str] = os.environ) -> Settings:
+        """From RIG_REALTIME and RIG_CPUS.
+
+        Raises
+        ------
+        RealtimeError: a value that is none.
+        """
+        mode = environment.get("RIG_REALTIME") or "off"
+        if mode not in MODES:
+            raise RealtimeError(f"RIG_REALTIME={mode} is not known; it must be one of {', '.join(MODES)}")
+        return cls(mode, _processors(environment.get("RIG_CPUS", "")))
+
+
+def _processors(text: str) -> frozenset[int]:
+    chosen: set[int] = set()
+    try:
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            first, _, last = part.partition("-")
+            chosen.update(range(int(first), int(last or first) + 1))
+    except ValueError:
+        raise RealtimeError(f"RIG_CPUS={text} names no processors; write them as 0,2-3") from None
+    usable = os.sched_getaffinity(0)
+    if not chosen <= usable:
+        names = " ".join(map(str, sorted(usable)))
+        raise RealtimeError(f"RIG_CPUS={text}: not all of these are usable here; there are {names}")
+    return frozenset(chosen)
+
+
+class Realtime:
+    """Applies settings at the moments in a process's life at which each can take hold.
+
+    Raises
+    ------
+    RealtimeError: from any method, if the mode is `require` and something is refused.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        #: What was asked for and not granted, in words.
+        self.refused: list[str] = []
+
+    def before_middleware(self) -> None:
+        """Choose processors and scheduling; the threads that the middleware starts inherit both."""
+        if self._settings.cpus:
+            os.sched_setaffinity(0, self._settings.cpus)
+        if self._settings.mode != "off":
+            self._note("SCHED_FIFO", request_fifo())
+
+    @contextlib.contextmanager
+    def suspended(self) -> Iterator[None]:
+        """Ordinary scheduling for this thread: what takes seconds (compiling, loading) must not hold up the machine."""
+        if os.sched_getscheduler(0) != os.SCHED_FIFO:
+            yield
+            return
+        release_fifo()
+        yield
+        request_fifo()
+
+    def before_ticks(self) -> None:
+        """Lock what is in memory by now, and what will be; keep the garbage collector from looking at it."""
+        if self._settings.mode != "off":
+            self._note("locked memory", request_memory())
+        freeze_garbage()
+
+    def _note(self, what: str, refusal: str) -> None:
+        if not refusal:
+            return
+        if self._settings.mode == "require":
+            raise RealtimeError(f"RIG_REALTIME=require, but no {what}: {refusal}; ./rig doctor says how to allow it")
+        self.refused.append(f"no {what}: {refusal}")
+        print(f"rig_runtime: no {what}: {refusal}; ./rig doctor says how to allow it", file=sys.stderr)
+
+    def describe(self) -> str:
+        """What holds for this thread, as the kernel has it, and what was refused."""
+        fifo = os.sched_getscheduler(0) == os.SCHED_FIFO
+        parts = [f"SCHED_FIFO {os.sched_getparam(0).sched_priority}" if fifo else "ordinary scheduling"]
+        parts.append("memory locked" if _status("VmLck").split()[:1] not in ([], ["0"]) else "memory not locked")
+        if gc.get_freeze_count() and not gc.isenabled():
+            parts.append("garbage collector frozen")
+        parts.append(f"processors {' '.join(map(str, sorted(os.sched_getaffinity(0))))}")
+        return "; ".join([", ".join(parts), *self.refused])
+
+
+def request_fifo() -> str:
+    """Give this thread SCHED_FIFO; returns why that is refused, or nothing."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError as error:
+        return f"{error.strerror} (limit rtprio {limit('rtprio')}, wanted {PRIORITY})"
+    return ""
+
+
+def release_fifo() -> None:
+    """Ordinary scheduling for this thread."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def memory_refusal() -> str:
+    """Why memory cannot be locked, or nothing.
+
+    A limit that is not unlimited counts as a refusal: locking would succeed, and a later allocation fail.
+    """
+    privileged = int(_status("CapEff") or "0", 16) >> _CAP_IPC_LOCK & 1
+    if privileged or limit("memlock") == "unlimited":
+        return ""
+    return f"limit memlock {limit('memlock')}, wanted unlimited"
+
+
+def limit(name: str) -> str:
+    """A limit of this process as `/etc/security/limits.conf` names and counts it: `rtprio`, or `memlock` [KiB]."""
+    kind, unit = {"rtprio": (resource.RLIMIT_RTPRIO, 1), "memlock": (resource.RLIMIT_MEMLOCK, 1024)}[name]
+    value = resource.getrlimit(kind)[0]
+    return "unlimited" if value == resource.RLIM_INFINITY else str(value // unit)
+
+
+def request_memory() -> str:
+    """Lock this process's memory; returns why that is refused, or nothing.
+
+    Pages are locked as they come in: to bring in all that is mapped, every library whole and every thread's stack,
+    would take hundreds of megabytes that no tick touches.
+    """
+    refusal = memory_refusal()
+    if refusal:
+        return refusal
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) != 0:
+        return os.strerror(ctypes.get_errno())
+    return ""
+
+
+def _status(field: str) -> str:
+    for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
+        name, _, value = line.partition(":")
+        if name == field:
+            return value.strip()
+    return ""
 
 
 def freeze_garbage() -> None:

@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from rig_runtime.node import RigNode
-from rig_runtime.realtime import freeze_garbage
+from rig_runtime.realtime import Realtime, RealtimeError, Settings
 from shared_control.parameters import ParameterError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -100,19 +100,22 @@ def run(*factories: NodeFactory, args: Sequence[str] | None = None, executor: st
     """Make the nodes, spin them on one executor and return the exit code.
 
     `args` are the process's own, ROS arguments included (default: `sys.argv`). A parameter that is not allowed is
-    reported in one sentence, exit code 2. `RIG_EXECUTOR` chooses the executor where the call does not.
+    reported in one sentence, exit code 2. `RIG_EXECUTOR` chooses the executor where the call does not; what
+    `rig_runtime.realtime` reads from the environment is applied.
     """
     signals = _SignalTaker()
-    rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
-    context = rclpy.get_default_context()
     nodes: list[RigNode] = []
     try:
+        realtime = Realtime(Settings.from_environment())
+        realtime.before_middleware()
+        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
         for factory in factories:
             nodes.append(factory())
-        for node in nodes:
-            node.prepare()
-        return _serve(context, nodes, signals, executor or os.environ.get("RIG_EXECUTOR", "events"))
-    except ParameterError as error:
+        with realtime.suspended():
+            for node in nodes:
+                node.prepare()
+        return _serve(nodes, signals, realtime, executor or os.environ.get("RIG_EXECUTOR", "events"))
+    except (ParameterError, RealtimeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     finally:
@@ -121,8 +124,8 @@ def run(*factories: NodeFactory, args: Sequence[str] | None = None, executor: st
         rclpy.try_shutdown()
 
 
-def _serve(context: rclpy.Context, nodes: Sequence[RigNode], signals: _SignalTaker, kind: str) -> int:
-    executor = make_executor(context, kind)
+def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, kind: str) -> int:
+    executor = make_executor(rclpy.get_default_context(), kind)
     for node in nodes:
         executor.add_node(node)
 
@@ -131,7 +134,9 @@ def _serve(context: rclpy.Context, nodes: Sequence[RigNode], signals: _SignalTak
             node.stop()
 
     signals.call(lambda: executor.create_task(stop_all))
-    freeze_garbage()
+    realtime.before_ticks()
+    for node in nodes:
+        node.scheduling = realtime.describe()
     spin(executor, nodes)
     for node in nodes:
         node.finish()

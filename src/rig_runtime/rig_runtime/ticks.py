@@ -87,6 +87,11 @@ class TickMatcher(Generic[L, R]):
         self._right.clear()
         self._done = -1
 
+    @property
+    def waiting(self) -> bool:
+        """Whether a tick has been opened and not been completed."""
+        return bool(self._left)
+
     def put_left(self, stamp: int, message: L, now: int) -> list[Matched[L, R]]:
         """Take the message that opens a tick; return the ticks that can be handled now, in order."""
         if stamp <= self._done:

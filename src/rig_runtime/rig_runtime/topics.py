@@ -10,8 +10,18 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
-from mig_interfaces.msg import EndEffectorState, FilterDecision, NodeReport, RecorderState, TaskState, TrialState
+from mig_interfaces.msg import (
+    EndEffectorState,
+    FilterDecision,
+    NodeReport,
+    RecorderState,
+    SessionState,
+    TaskState,
+    TrialState,
+)
 from rig_runtime.wire import WireMessage
 
 #: Samples that a writer keeps for a slow reader. In lockstep the pacemaker stays within half of it (RECORDER_WINDOW).
@@ -43,6 +53,8 @@ REPORT_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
+#: For what only eyes look at; a viewer that is slow may miss some.
+VIEW_QOS = QoSProfile(depth=10)
 
 #: Frames of the messages' headers.
 TASK_FRAME = "task"
@@ -74,7 +86,12 @@ DECISION = Topic("mig_filter/decision", FilterDecision, SENSOR_FRAME)
 END_EFFECTOR = Topic("admittance/end_effector", EndEffectorState, BASE_FRAME)
 TRIAL_STATE = Topic("trial/state", TrialState, qos=LATCHED_QOS)
 NODE_REPORT = Topic("trial/reports", NodeReport, qos=REPORT_QOS)
+SESSION_STATE = Topic("conductor/state", SessionState, qos=LATCHED_QOS)
 RECORDER_STATE = Topic("recorder/state", RecorderState, qos=LATCHED_QOS)
+
+#: For RViz and Foxglove: the task's picture and its state, a few times a second.
+MARKERS = Topic("task/markers", MarkerArray, TASK_FRAME, VIEW_QOS)
+JOINT_STATES = Topic("task/joint_states", JointState, TASK_FRAME, VIEW_QOS)
 
 #: One message for each tick of a trial.
 PER_TICK = (TASK_STATE, WRENCH, COMMAND, DECISION, END_EFFECTOR)
@@ -85,3 +102,12 @@ BY_VERDICT = (ACCEPTED, REJECTED, REPLACED)
 START_SERVICE = "trial/start"
 ABORT_SERVICE = "trial/abort"
 RESET_SERVICE = "trial/reset"
+
+#: Of the conductor of a session: the next trial waits; goes on; the last one again.
+PAUSE_SERVICE = "conductor/pause"
+RESUME_SERVICE = "conductor/resume"
+REPEAT_SERVICE = "conductor/repeat"
+
+#: Where a fault that was kept (`recovery: explicit`) is cleared.
+CLEAR_FILTER_SERVICE = "mig_filter/clear_fault"
+CLEAR_ROBOT_SERVICE = "admittance/clear_fault"

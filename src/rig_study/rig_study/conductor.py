@@ -2,7 +2,8 @@
 
 It sets the filter's mode, starts each trial with its subject, set, number and seed, and goes on when the recorder has
 closed the trial's bag. ``conductor/pause``, ``conductor/resume`` and ``conductor/repeat`` (the last trial again) are
-services; a trial is aborted by ``trial/abort``, as ever, and then done again. What happened is in the session's log.
+services; a trial is aborted by ``trial/abort``, as ever, and then done again. ``conductor/state`` says how far it is;
+what happened is in the session's log.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from mig_interfaces.msg import RecorderState, TrialState
+from mig_interfaces.msg import RecorderState, SessionState, TrialState
 from mig_interfaces.srv import StartTrial
 from rig_runtime import topics
 from rig_study.protocol import PlannedTrial
@@ -28,6 +29,7 @@ __all__ = ["ConductorNode"]
 
 _PERIOD = 0.05  # [s] between two looks at what is due
 _NO_BAG = 5.0  # [s] after which an aborted trial has none: its recorder could not open it
+_NEWS = ("trials_done", "set", "trial", "attempt", "waiting", "over", "instructions")
 #: Times that one trial may be aborted in a row before the conductor waits for a person.
 _PATIENCE = 3
 
@@ -64,9 +66,18 @@ class ConductorNode(Node):
             self.create_subscription(topic.type, topic.name, take, topic.qos)
         self._start = self.create_client(StartTrial, topics.START_SERVICE)
         self._set = self.create_client(SetParameters, "mig_filter/set_parameters")
-        for name, serve in (("pause", self._pause), ("resume", self._resume), ("repeat", self._repeat)):
-            self.create_service(Trigger, f"conductor/{name}", serve)
-        self.create_timer(_PERIOD, lambda: self._step(), clock=Clock(clock_type=ClockType.STEADY_TIME))
+        for name, serve in (
+            (topics.PAUSE_SERVICE, self._pause),
+            (topics.RESUME_SERVICE, self._resume),
+            (topics.REPEAT_SERVICE, self._repeat),
+        ):
+            self.create_service(Trigger, name, serve)
+        state = topics.SESSION_STATE
+        self._told = SessionState()
+        self._teller = self.create_publisher(state.type, state.name, state.qos)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_PERIOD, self._go_on, clock=steady)
+        self.create_timer(1.0, lambda: self._tell(force=True), clock=steady)
 
     def progress(self) -> str:
         """One line for a person."""
@@ -74,6 +85,40 @@ class ConductorNode(Node):
         where = "" if trial is None else f"{trial.set} {trial.trial}, attempt {trial.attempt}, {trial.mode}: "
         left = f"{len(progress.done)} of {len(progress.plan)} trials, {progress.remaining / 60.0:.1f} min left"
         return f"{progress.subject}  {left}  {where}{self._words()}"
+
+    def state(self) -> SessionState:
+        """How far the session is."""
+        progress, trial = self.session.progress, self.trial
+        study = progress.protocol
+        message = SessionState(
+            protocol=study.name,
+            subject=progress.subject,
+            trials_done=len(progress.done),
+            trials_planned=len(progress.plan),
+            waiting=self._step == self._ready and self._paused,
+            over=self.over,
+            doing=self._words(),
+        )
+        message.remaining.sec = round(progress.remaining)
+        if trial is not None:
+            message.set, message.trial = trial.set, trial.trial
+            message.attempt, message.mode = trial.attempt, trial.mode
+            if self._step in (self._breaking, self._ready):
+                message.instructions = study.instructions(trial)
+        return message
+
+    def _go_on(self) -> None:
+        self._step()
+        self._tell()
+
+    def _tell(self, force: bool = False) -> None:
+        message = self.state()
+        # Words count down; what else has changed is news.
+        news = [field for field in _NEWS if getattr(message, field) != getattr(self._told, field)]
+        if news or force:
+            self._told = self.state()
+            message.stamp = self.get_clock().now().to_msg()
+            self._teller.publish(message)
 
     def _words(self) -> str:
         if self._step == self._breaking:
@@ -102,7 +147,7 @@ class ConductorNode(Node):
 
     def _ready(self) -> None:
         if self._paused:
-            self.doing = "waiting for conductor/resume"
+            self.doing = f"waiting for {topics.RESUME_SERVICE}"
             return
         assert self.trial is not None
         self.doing, self._step = "setting the filter's mode", self._idle
@@ -186,7 +231,7 @@ class ConductorNode(Node):
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._paused = True
         self.session.note("paused")
-        response.success, response.message = True, "the next trial waits for conductor/resume"
+        response.success, response.message = True, f"the next trial waits for {topics.RESUME_SERVICE}"
         return response
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -199,7 +244,9 @@ class ConductorNode(Node):
 
     def _repeat(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._step not in (self._breaking, self._ready):
-            response.message = "a trial is going on or being started; call trial/abort, and it is done again"
+            response.message = (
+                f"a trial is going on or being started; call {topics.ABORT_SERVICE}, and it is done again"
+            )
             return response
         trial = self.session.repeat()
         response.success = trial is not None

@@ -128,6 +128,13 @@ class Protocol:
         width = max(2, len(str(total)))
         return {f"S{number:0{width}d}": group for number, group in enumerate(order, 1)}
 
+    def instructions(self, trial: PlannedTrial) -> str:
+        """What a subject reads before this trial: the study's before the first set, each set's before it."""
+        if trial.trial != 1:
+            return ""
+        texts = (self.study.instructions if trial.position == 1 else "", self.sets[trial.set].instructions)
+        return " ".join(text.strip() for text in texts if text.strip())
+
     def plan(self, subject: str) -> tuple[PlannedTrial, ...]:
         """A subject's trials, in order.
 

@@ -14,15 +14,15 @@ import yaml
 import rig_bag
 from rig_study.recorded import TrialError, only, row
 from shared_control import scenario as science
-from shared_control.filter import Reason
+from shared_control.filter import INPUT_FAULTS
 from shared_control.scenario import Scenario
 
 __all__ = ["RecordedInputs", "load_inputs", "scenario_of", "user_forces"]
 
 Array = npt.NDArray[Any]
 
-#: Reasons of a decision that did not look at the wrench of its tick.
-UNSEEN = (Reason.STALE_WRENCH, Reason.UNKNOWN_FRAME)
+#: Reasons of a decision that did not look at state and wrench of its tick, or had kept an earlier fault.
+UNSEEN = tuple(INPUT_FAULTS)
 
 
 @dataclass(frozen=True)

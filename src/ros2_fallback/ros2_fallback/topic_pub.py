@@ -6,9 +6,12 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 
 from ros2_fallback import qos, stopping
 from ros2_fallback.command import Outcome, non_negative_int, positive_float
@@ -17,6 +20,9 @@ from ros2_fallback.message_text import fill_from_yaml
 from ros2_fallback.message_types import message_class
 
 __all__ = ["arguments", "run"]
+
+#: [s] How long readers may take to say that they have what was published.
+_ACKNOWLEDGEMENT = 5.0
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -110,8 +116,17 @@ def run(args: argparse.Namespace) -> Outcome:
             clock = graph.node.get_clock() if args.use_sim_time else Clock(clock_type=ClockType.STEADY_TIME)
             graph.node.create_timer(1.0 / args.rate, publish, clock=clock)
             graph.spin_until(lambda: bool(times) and count >= times, period=stopping.SLICE)
+        if times:
+            _wait_for_acknowledgement(publisher)
         graph.spin_until(lambda: False, timeout=args.keep_alive)
     return None
+
+
+def _wait_for_acknowledgement(publisher: Publisher[Any]) -> None:
+    """Wait until reliable readers have what was published; one that has not found this writer yet would get nothing."""
+    limit = time.monotonic() + _ACKNOWLEDGEMENT
+    while time.monotonic() < limit and not publisher.wait_for_all_acked(Duration(seconds=stopping.SLICE)):
+        stopping.check()
 
 
 def _wait_for_subscriptions(graph: Graph, count: Callable[[], int], wanted: int, limit: float | None) -> bool:

@@ -19,20 +19,21 @@ uniform on [0, 1) for each action (is it the criterion that does the work, or th
 
 An accepted action passes as it is. A rejected one becomes nothing in training, and in assistance the controller's. An
 action whose every component is at most ``dead_zone`` is no action: there is nothing to judge, and it passes. Whatever
-cannot be judged (a number that is not finite) never passes: the reason is told, and the safe command takes its place
-(zero in training and off; the controller's last valid schedule, then zero, in assistance).
+cannot be judged never passes, and the reason is told. Where the state or the wrench is lost, not finite or not to be
+believed (:data:`INPUT_FAULTS`) nothing takes its place, in every mode; where both are good and only the criterion is
+not finite, assistance goes on with the controller's last valid schedule, then nothing.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from shared_control import controllers, cost
+from shared_control.decision import INPUT_FAULTS, Decision, Mode, Reason, Verdict
 from shared_control.parameters import ParameterError, build, parameter
 from shared_control.streams import stream
 from shared_control.tasks.task import SAMPLE_TIME, Array, Task
@@ -43,64 +44,7 @@ if TYPE_CHECKING:
     from shared_control.controllers import Controller, Solution
     from shared_control.cost import QuadraticCost
 
-__all__ = ["Decision", "FilterConfig", "MigFilter", "Mode", "Reason", "Verdict", "costs"]
-
-
-class Verdict(enum.IntEnum):
-    """What becomes of the action."""
-
-    ACCEPTED = 0
-    REJECTED = 1
-    REPLACED = 2
-
-
-class Reason(enum.IntEnum):
-    """Why."""
-
-    CRITERION = 0
-    FILTER_OFF = 1
-    NULL_ACTION = 2
-    NON_FINITE_WRENCH = 3
-    NON_FINITE_STATE = 4
-    STALE_WRENCH = 5
-    UNKNOWN_FRAME = 6
-    NOT_CONVERGED = 7
-    NON_FINITE_CRITERION = 8
-
-
-class Mode(enum.IntEnum):
-    """Of the filter."""
-
-    OFF = 0
-    TRAINING = 1
-    ASSISTANCE = 2
-
-    @classmethod
-    def of(cls, mode: str | int) -> Mode:
-        """From its name, in any case, or its number.
-
-        Raises
-        ------
-        ParameterError: no such mode.
-        """
-        try:
-            return cls[mode.upper()] if isinstance(mode, str) else cls(mode)
-        except (KeyError, ValueError):
-            known = ", ".join(item.name.lower() for item in cls)
-            raise ParameterError(f"mode: {mode!r} is not allowed; it must be one of {known}") from None
-
-
-class Decision(NamedTuple):
-    """What the filter decided about one action, and why."""
-
-    verdict: Verdict
-    reason: Reason
-    mode: Mode
-    criterion: float  # [unit of the cost], NaN if not evaluated
-    threshold: float  # [unit of the cost] that it was held against: threshold - c J
-    user_control: Array  # (m,)
-    nominal_control: Array  # (m,) u_1, from which the criterion measures
-    applied_control: Array  # (m,)
+__all__ = ["INPUT_FAULTS", "Decision", "FilterConfig", "MigFilter", "Mode", "Reason", "Verdict", "costs"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +99,14 @@ class FilterConfig:
     controller_terminal_weights: tuple[float, ...] = parameter((), "As terminal_weights; empty: the filter's.", ge=0.0)
     control_limits: tuple[float, ...] = parameter(
         (), "Largest magnitude of the controller's controls; empty: the task's.", unit="of the control", ge=0.0
+    )
+    # Above what any shipped user pushes (SLIP's toe through 40 N s/m: 1.6 kN), so that no result depends on it.
+    max_force: float = parameter(
+        10_000.0,
+        "A user's force with a larger component is not believed and admits nothing. Set it to the sensor's range.",
+        unit="N",
+        ge=0.0,
+        live=True,
     )
 
 
@@ -215,6 +167,8 @@ class MigFilter:
         self._separately = self.config.channels == "separately" and task.m > 1
         self._mode = Mode.of(self.config.mode)
         self._threshold, self._dead_zone = self.config.threshold, self.config.dead_zone
+        #: [N] Largest component of a force that is believed; whoever turns forces into controls asks it.
+        self.max_force = self.config.max_force
         self._contraction = self.config.contraction
 
     def _make_controller(self, steered: QuadraticCost, sample_time: float) -> Controller:
@@ -265,6 +219,8 @@ class MigFilter:
             self._contraction = checked.contraction
         if "dead_zone" in values:
             self._dead_zone = checked.dead_zone
+        if "max_force" in values:
+            self.max_force = checked.max_force
 
     def decide(self, x: Array, u_user: Array, task_mode: int | None = None) -> Decision:
         """Judge the control (m,) of the coming sample at the state (n,).
@@ -274,9 +230,9 @@ class MigFilter:
         self._advance()
         mode = self._mode
         if not all(map(math.isfinite, x)):
-            return self._safe(Reason.NON_FINITE_STATE, u_user)
+            return self._nothing(Reason.NON_FINITE_STATE, u_user)
         if not all(map(math.isfinite, u_user)):
-            return self._safe(Reason.NON_FINITE_WRENCH, u_user)
+            return self._nothing(Reason.NON_FINITE_WRENCH, u_user)
         if mode is Mode.OFF:
             return self._decision(Verdict.ACCEPTED, Reason.FILTER_OFF, math.nan, u_user, u_user)
         if not any(abs(u) > self._dead_zone for u in u_user):
@@ -288,7 +244,7 @@ class MigFilter:
         if self._contraction > 0.0:
             bound -= self._contraction * self._cost_of_nothing(x, task_mode)
         if not (math.isfinite(criterion) and math.isfinite(bound)):
-            return self._safe(Reason.NON_FINITE_CRITERION, u_user)
+            return self._unjudged(Reason.NON_FINITE_CRITERION, u_user)
         if criterion <= bound:
             return self._decision(Verdict.ACCEPTED, Reason.CRITERION, criterion, u_user, u_user, bound)
         verdict, reason, substitute = Verdict.REJECTED, Reason.CRITERION, self._null
@@ -300,9 +256,13 @@ class MigFilter:
         return self._decision(verdict, reason, criterion, u_user, applied, bound)
 
     def fallback(self, reason: Reason | int, u_user: Array) -> Decision:
-        """The safe command in place of an action that could not be judged; counts as a tick, as :meth:`decide` does."""
+        """Nothing, in place of an action whose state or wrench is lost or not to be believed, whatever the mode.
+
+        A person's hand may be on the robot: who does not know where it is or what it does must not move it. Counts as a
+        tick, as :meth:`decide` does.
+        """
         self._advance()
-        return self._safe(Reason(reason), u_user)
+        return self._nothing(Reason(reason), u_user)
 
     def reset(self, seed: int = 0) -> None:
         """As new, for the trial with this seed, except for live parameters: they stay as they were set."""
@@ -349,10 +309,14 @@ class MigFilter:
         self._agreed = self._agreed or self._controller.solve(x, task_mode)
         return -float(np.dot(u_user, self._agreed.control))
 
-    def _safe(self, reason: Reason, u_user: Array) -> Decision:
+    def _nothing(self, reason: Reason, u_user: Array) -> Decision:
+        return self._decision(Verdict.REJECTED, reason, math.nan, u_user, self._null)
+
+    def _unjudged(self, reason: Reason, u_user: Array) -> Decision:
+        # State and wrench are known here, so the controller may go on with its last schedule.
         if self._mode is Mode.ASSISTANCE:
             return self._decision(Verdict.REPLACED, reason, math.nan, u_user, self._controller.fallback())
-        return self._decision(Verdict.REJECTED, reason, math.nan, u_user, self._null)
+        return self._nothing(reason, u_user)
 
     def _decision(
         self,

@@ -20,12 +20,13 @@ import numpy as np
 
 from shared_control import users
 from shared_control.admittance import Admittance, Motion
-from shared_control.filter import Decision, MigFilter, Mode, Reason, Verdict
+from shared_control.filter import INPUT_FAULTS, Decision, MigFilter, Mode, Reason, Verdict
 from shared_control.scenario import Scenario
 from shared_control.streams import stream
 from shared_control.tasks.task import Array, Task
 
 __all__ = [
+    "INPUT_FAULTS",
     "Decision",
     "FilterAgent",
     "FilterOutcome",
@@ -111,11 +112,13 @@ class FilterAgent:
         """Judge the user's force (3,) [N] at the state (n,); once a tick."""
         if not (math.isfinite(force[0]) and math.isfinite(force[1]) and math.isfinite(force[2])):
             return self.fallback(Reason.NON_FINITE_WRENCH, force)
+        if max(abs(force[0]), abs(force[1]), abs(force[2])) > self._filter.max_force:
+            return self.fallback(Reason.EXCESSIVE_WRENCH, force)
         u_user = self.task.control_from_wrench(force, self._robot)
         return self._outcome(self._filter.decide(x, u_user, task_mode), force)
 
     def fallback(self, reason: Reason | int, force: Array) -> FilterOutcome:
-        """The safe command in place of a force that could not be judged; once a tick, instead of :meth:`decide`."""
+        """No force, in place of one that could not be judged; once a tick, instead of :meth:`decide`."""
         return self._outcome(self._filter.fallback(reason, self.task.control_from_wrench(force, self._robot)), force)
 
     def reset(self, seed: int | None = None) -> None:

@@ -52,7 +52,25 @@ class LoopConfig:
         choices=("realtime", "lockstep"),
     )
     command_timeout: float = parameter(
-        0.05, "Without a command for this long, the admitted force is zero.", unit="s", ge=0.0, le=10.0
+        0.05,
+        "With no wrench or command for this long, the admitted force is zero.",
+        unit="s",
+        ge=0.0,
+        le=10.0,
+    )
+    state_timeout: float = parameter(
+        0.0,
+        "A state that is later than this, against the least late one of its trial, is not judged and nothing is "
+        "admitted; 0: any is judged, because a simulated task is as late as its machine.",
+        unit="s",
+        ge=0.0,
+        le=10.0,
+    )
+    recovery: str = parameter(
+        "automatic",
+        "After a lost or impossible input: automatic: go on when the input is good again; explicit: admit no force "
+        "until clear_fault is called or a trial begins.",
+        choices=("automatic", "explicit"),
     )
     robot_mass: float = parameter(
         Robot().mass, "Apparent mass m of the robot, M(s) = 1/(m s + b).", unit="kg", ge=0.01, le=1000.0

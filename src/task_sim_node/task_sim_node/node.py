@@ -21,6 +21,7 @@ from shared_control.loop import Motion, make_plant
 from shared_control.scenario import LoopConfig, Scenario, TaskConfig
 from task_sim_node.parameters import PacemakerConfig
 from task_sim_node.readiness import RECORDER, Readiness
+from task_sim_node.view import View
 
 CONFIGURATIONS = (LoopConfig, TaskConfig, PacemakerConfig)
 
@@ -53,6 +54,10 @@ class TaskSimNode(RigNode):
         task = self._agent.task
         self._message = topics.TASK_STATE.wire(state=task.n, control=task.m)
         self._timer: Timer | None = None
+        rate = self._config.view_rate
+        # In lockstep nobody can look that fast, and what is drawn would slow it down.
+        self._view = View(self, task) if rate > 0.0 and self._pacemaker.realtime else None
+        self._view_ticks = max(round(1.0 / (rate * self._loop.sample_time)), 1) if rate > 0.0 else 1
         self._publisher = self.loop_publisher(topics.TASK_STATE)
         self._trial_publisher = self.create_publisher(
             topics.TRIAL_STATE.type, topics.TRIAL_STATE.name, topics.TRIAL_STATE.qos
@@ -72,10 +77,13 @@ class TaskSimNode(RigNode):
     def prepare(self) -> None:
         self._agent.warm_up()
         task = self._agent.task
+        realtime = self._pacemaker.realtime
         self.trial = TrialState(
+            # One that is started again in the middle of a trial must not repeat the numbers that others still hold.
+            uid=int(time.time()) if realtime else 0,
             scenario=self._config.scenario,
             configuration_hash=self._config.configuration_hash,
-            pacing=TrialState.PACING_REALTIME if self._pacemaker.realtime else TrialState.PACING_LOCKSTEP,
+            pacing=TrialState.PACING_REALTIME if realtime else TrialState.PACING_LOCKSTEP,
             task=task.name,
             state_names=list(task.state_names),
             state_units=list(task.state_units),
@@ -228,6 +236,8 @@ class TaskSimNode(RigNode):
         self._progress = time.monotonic()
         self.ticks_done = tick + 1
         self._publisher.publish(message.data)
+        if self._view is not None and tick % self._view_ticks == 0:
+            self._view.publish(agent.state, message.stamp)
 
     # -- watching ------------------------------------------------------------------------------------------------
 

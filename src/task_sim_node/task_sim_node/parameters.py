@@ -22,6 +22,13 @@ class PacemakerConfig:
     lockstep_timeout: float = parameter(
         10.0, "abort lockstep that has stood still for this long, naming the node it waits for", unit="s", ge=0.1
     )
+    view_rate: float = parameter(
+        25.0,
+        "how often task/markers and task/joint_states are published in real time, at most once a tick; 0: not at all",
+        unit="Hz",
+        ge=0.0,
+        le=1000.0,
+    )
     scenario: str = parameter("", "name of the scenario, recorded with the trial")
     configuration_hash: str = parameter("", "SHA-256 of the configuration, recorded with the trial")
     subject: str = parameter("", "who pushes, recorded with the trial")

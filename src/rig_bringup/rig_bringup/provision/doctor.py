@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rig_bringup.provision.machine import Finding, needed_to_build
 from rig_bringup.provision.steps import Places
+from rig_runtime import realtime
 
 
 def main() -> int:
@@ -24,7 +25,15 @@ def main() -> int:
 
 
 def _of_the_running_rig(places: Places) -> list[Finding]:
-    return [_set_up(places), _middleware(places), _scheduling(), _shared_memory(), _discovery(), _processors()]
+    return [
+        _set_up(places),
+        _middleware(places),
+        scheduling(),
+        memory_lock(),
+        _shared_memory(),
+        _discovery(),
+        _processors(),
+    ]
 
 
 def _set_up(places: Places) -> Finding:
@@ -39,17 +48,27 @@ def _middleware(places: Places) -> Finding:
     return Finding("middleware", True, "rmw_fastrtps_cpp" + ("" if chosen else " (the default)"))
 
 
-def _scheduling() -> Finding:
-    try:
-        policy = os.sched_getscheduler(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        os.sched_setscheduler(0, policy, os.sched_param(0))
-        return Finding("real-time scheduling", True, "SCHED_FIFO is permitted")
-    except OSError:
-        remedy = (
-            "for fewer late ticks, allow it: '@realtime - rtprio 90' in /etc/security/limits.conf, then log in again"
-        )
-        return Finding("real-time scheduling", False, "SCHED_FIFO is not permitted", remedy)
+def scheduling() -> Finding:
+    """Whether nodes paced by wall time may run before everything else."""
+    refusal = realtime.request_fifo()
+    if not refusal:
+        realtime.release_fifo()
+        found = f"SCHED_FIFO {realtime.PRIORITY} is permitted (limit rtprio {realtime.limit('rtprio')})"
+        return Finding("real-time scheduling", True, found)
+    remedy = f"for fewer late ticks, allow it: {_limit(f'rtprio {realtime.PRIORITY}')}"
+    return Finding("real-time scheduling", False, f"SCHED_FIFO: {refusal}", remedy)
+
+
+def memory_lock() -> Finding:
+    """Whether nodes paced by wall time may keep their memory from being paged out."""
+    refusal = realtime.memory_refusal()
+    remedy = f"allow it: {_limit('memlock unlimited')}"
+    found = refusal or f"permitted (limit memlock {realtime.limit('memlock')})"
+    return Finding("memory lock", not refusal, found, remedy)
+
+
+def _limit(what: str) -> str:
+    return f'echo "$USER - {what}" | sudo tee -a /etc/security/limits.conf, then log in again; no root needed after'
 
 
 def _shared_memory() -> Finding:

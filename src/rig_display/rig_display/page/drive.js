@@ -66,6 +66,10 @@ function next() {
     const text = `Emergency stop, pressed by ${state.stopped}. The hand pushes nothing.`;
     return { title: "Stopped", text, act: mine && ["Release", () => link.say("release")] };
   }
+  if (status.faults.length) {
+    const text = `${status.faults.join("; ")}.`;
+    return { title: "No force", text, act: driving && task.driver_starts && ["Release", () => link.say("release")] };
+  }
   if (!driving && driver === null) {
     const act = ["Take control", () => link.say("drive")];
     return { title: "Nobody drives", text: "Take control to push with your hand.", act };
@@ -74,9 +78,11 @@ function next() {
   if (countdown !== null) return { title: "", text: "", count: Math.ceil(countdown) };
   if (trial.phase === "arming") return { title: "Getting ready", text: trial.message };
   if (trial.phase === "running") return { title: "", text: "" };
+  if (status.session?.over) return { title: "Done", text: "That was the last trial. Thank you." };
+  if (status.session?.instructions) return { title: "Next", text: status.session.instructions };
   const [title, text] = {
     idle: ["Ready", "Press and drag to push; the arrow keys and a gamepad work too. Esc stops."],
-    finished: [outcome(trial.outcome) || "Done", "The trial has ended."],
+    finished: [outcome(trial.outcome) || "Done", status.session ? status.session.doing : "The trial has ended."],
     aborted: ["Ended early", trial.message],
   }[trial.phase];
   return { title, text, act: task.driver_starts && [trial.phase === "idle" ? "Start" : "Again", start] };
@@ -101,7 +107,7 @@ function show(closed = "") {
   $("count").textContent = now.count ?? "";
   $("act").hidden = !now.act;
   if (now.act) [$("act").textContent, act] = now.act;
-  $("veil").classList.toggle("stopped", Boolean(ready && status.hand.stopped));
+  $("veil").classList.toggle("stopped", Boolean(ready && (status.hand.stopped || status.faults.length)));
   $("leave").hidden = !hand.driving;
   if (!ready) return;
   $("where").textContent = where(status.trial);

@@ -69,14 +69,17 @@ link.addEventListener("closed", () => {
 });
 
 function phase() {
-  const { trial, countdown, hand } = status;
+  const { trial, countdown, hand, faults } = status;
   if (hand.stopped) return [`stopped by ${hand.stopped}`, true];
+  if (faults.length) return [`no force: ${faults.join("; ")}`, true];
   if (countdown !== null) return [`starts in ${Math.ceil(countdown)} s`, false];
   if (trial.phase === "arming") return [trial.message || "getting ready", false];
   if (trial.phase === "aborted") return [`aborted: ${trial.message}`, true];
   if (trial.phase === "finished") return [`finished ${outcome(trial.outcome).toLowerCase()}`, false];
   return [trial.phase, false];
 }
+
+const halted = () => Boolean(status?.hand.stopped || status?.faults.length);
 
 const ms = (values) => (values?.[0] == null ? "–" : `${values[0].toFixed(1)}, ${values[1].toFixed(1)} ms`);
 
@@ -87,10 +90,23 @@ function show() {
   $("how").className = bad ? "warn" : "quiet";
   $("where").textContent = where(trial);
   $("of").textContent = trial.duration ? `of ${trial.duration.toFixed(0)} s` : "s";
-  $("stop").firstChild.textContent = hand.stopped ? "Release " : "Stop ";
+  $("stop").firstChild.textContent = halted() ? "Release " : "Stop ";
   const going = ["arming", "running"].includes(trial.phase) || status.countdown !== null;
-  $("start").disabled = going || driver === null || Boolean(hand.stopped);
+  const { session } = status;
+  const led = session !== null && !session.over;
+  $("start").disabled = going || driver === null || Boolean(hand.stopped) || led;
   $("abort").disabled = !going;
+  $("session").hidden = session === null;
+  // Its conductor names, starts and sets everything.
+  for (const id of ["subject", "group", "set", "number", "duration", ...MODES]) $(id).disabled = led;
+  if (session !== null) {
+    const minutes = (session.remaining / 60).toFixed(1);
+    $("progress").textContent =
+      `${session.done} of ${session.planned} trials, ${minutes} min left. ${session.set} ${session.trial}: ${session.doing}`;
+    $("resume").disabled = !session.waiting || driver === null;
+    $("pause").disabled = session.waiting || session.over;
+    $("repeat").disabled = !session.waiting || session.done === 0;
+  }
   for (const mode of MODES) $(mode).setAttribute("aria-pressed", String(status.mode === mode));
   $("feedback").setAttribute("aria-pressed", String(status.feedback));
   const missed = Math.max(trial.missed ?? 0, trial.phase === "running" ? (playback?.newest?.missed ?? 0) : 0);
@@ -139,10 +155,11 @@ $("start").onclick = () =>
     trial: Math.max(0, Math.round(Number($("number").value)) || 0),
     duration: Math.max(0, Number($("duration").value) || 0),
   });
+for (const what of ["pause", "resume", "repeat"]) $(what).onclick = () => link.say("session", { do: what });
 $("abort").onclick = () => link.say("abort", { reason: "aborted by the operator" });
 for (const mode of MODES) $(mode).onclick = () => link.say("mode", { mode });
 $("feedback").onclick = () => link.say("feedback", { on: !status?.feedback });
-$("stop").onclick = () => link.say(status?.hand.stopped ? "release" : "stop");
+$("stop").onclick = () => link.say(halted() ? "release" : "stop");
 onStopKey(() => link.say("stop"));
 
 let count = 0;

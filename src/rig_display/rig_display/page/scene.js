@@ -1,4 +1,4 @@
-// Draws a task from its description (rig_display/drawing.py): points made of states, shapes at points.
+// Draws a task from its description (shared_control/scene.py): points made of states, shapes at points.
 
 import { colour } from "./canvas.js";
 

@@ -13,11 +13,13 @@ Source: the paper's Methods; parameter values from the laboratory's public code.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from shared_control.cost import wrap
+from shared_control.scene import constant, state
 from shared_control.tasks.task import Array, Bound, EndEffectorMotion, Robot, Task
 
 
@@ -102,6 +104,30 @@ class CartPendulum(Task):
         """The cart has left its track, where it has an end."""
         track: float = self.parameters.track
         return track > 0.0 and abs(float(x[2])) > track
+
+    def scene(self, target: Sequence[float]) -> dict[str, Any]:
+        """The bob at (x_c + h sin(theta), h cos(theta)), the cart at (x_c, 0)."""
+        length, track = self.parameters.length, self.parameters.track
+        success = {"at": "cart", "radius": 1.12 * length, "middle": target[0], "half": self.success_angle}
+        stops = [{"shape": "stop", "x": x, "height": 0.0} for x in (-track, track) if track > 0.0]
+        return {
+            "points": {
+                "cart": [state(2), constant(0.0)],
+                "bob": [state(2) + state(0, length, "sin"), state(0, length, "cos")],
+            },
+            "shapes": [
+                {"shape": "sector", **success, "role": "success"},
+                {"shape": "ground", "height": 0.0},
+                *stops,
+                {"shape": "mark", "x": target[2], "height": 0.0, "role": "target"},
+                {"shape": "cart", "at": "cart", "width": 0.28 * length, "height": 0.14 * length},
+                {"shape": "rod", "from": "cart", "to": "bob", "width": 0.035 * length},
+                {"shape": "disc", "at": "bob", "radius": 0.1 * length},
+            ],
+            "view": {"follow": state(2), "slack": 1.2 * length, "height": 3.0 * length, "bottom": -1.45 * length},
+            "hand": {"at": "cart", "spring": {"position": 2, "velocity": 3}},
+            "plot": 0,
+        }
 
     def control_from_motion(
         self,

@@ -7,10 +7,12 @@ State ``[x, x_dot]``, control ``u`` an acceleration.
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from shared_control.scene import constant, state
 from shared_control.tasks.task import Array, Bound, EndEffectorMotion, Robot, Task
 
 
@@ -77,6 +79,20 @@ class DoubleIntegrator(Task):
     def failure(self, x: Array) -> bool:
         """There is no end to the track."""
         return False
+
+    def scene(self, target: Sequence[float]) -> dict[str, Any]:
+        """The cart at (x, 0), and where it must come to."""
+        return {
+            "points": {"cart": [state(0), constant(0.0)]},
+            "shapes": [
+                {"shape": "ground", "height": 0.0},
+                {"shape": "mark", "x": target[0], "height": 0.0, "role": "target"},
+                {"shape": "cart", "at": "cart", "width": 0.2, "height": 0.1},
+            ],
+            "view": {"follow": state(0), "slack": 1.5, "height": 2.0, "bottom": -0.8},
+            "hand": {"at": "cart", "spring": {"position": 0, "velocity": 1}},
+            "plot": 0,
+        }
 
     def control_from_motion(self, motion: EndEffectorMotion, robot: Robot, force: Array | None = None) -> Array:
         """u = x'' of the end effector, mean over the sample."""

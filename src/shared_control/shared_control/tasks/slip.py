@@ -28,11 +28,13 @@ literal text, which falls whatever the user does.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from shared_control.parameters import ParameterError
+from shared_control.scene import constant, state
 from shared_control.tasks.task import Array, Bound, EndEffectorMotion, Robot, Task
 
 FLIGHT, STANCE, FALLEN = 0, 1, 2
@@ -190,6 +192,23 @@ class Slip(Task):
     def mode(self, x: Array) -> int:
         """FLIGHT, STANCE or FALLEN, of a state whose history is not known."""
         return mode(self.parameters, -1, tuple(x))
+
+    def scene(self, target: Sequence[float]) -> dict[str, Any]:
+        """The mass at (x_m, z_m), the leg towards the foot's place (x_t, 0), never longer than at rest."""
+        rest, fall = self.parameters.rest_length, self.parameters.fall_height
+        return {
+            "points": {"mass": [state(0), state(2)], "foot": [state(4), constant(0.0)]},
+            "shapes": [
+                {"shape": "band", "bottom": fall, "top": 4.0 * rest, "role": "success"},
+                {"shape": "ground", "height": 0.0},
+                {"shape": "level", "height": target[2], "role": "target"},
+                {"shape": "spring", "from": "mass", "to": "foot", "rest": rest, "width": 0.12 * rest},
+                {"shape": "disc", "at": "mass", "radius": 0.14 * rest},
+            ],
+            "view": {"follow": state(0), "slack": 0.0, "height": 2.4 * rest, "bottom": -0.35 * rest},
+            "hand": {"at": "mass"},
+            "plot": 2,
+        }
 
     def check_robot(self, robot: Robot) -> None:
         """The toe follows a velocity, which a robot without damping does not tie to a force.

@@ -30,12 +30,14 @@ from __future__ import annotations
 import difflib
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shared_control.parameters import ParameterError
+from shared_control.scene import bars
 
 Array = NDArray[np.float64]
 
@@ -139,6 +141,10 @@ class Task(ABC):
         Wherever a state is taken, ``task_mode`` may say what is known better.
         """
         return 0
+
+    def scene(self, target: Sequence[float]) -> dict[str, Any]:
+        """What to draw, with the wanted state (n,), as :mod:`shared_control.scene` says; by itself, bars."""
+        return bars(target)
 
     def check_robot(self, robot: Robot) -> None:  # noqa: B027 - most tasks can use any
         """Whether the task's maps work with this robot; any, unless a task says otherwise.

@@ -1,0 +1,70 @@
+"""How late a timer of the rig's executor fires, beside a bare C loop of clock_nanosleep."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from pathlib import Path
+
+from live import STEADY, Live
+from native import program
+from rclpy.clock import Clock
+from rows import Row, alternate, percentile
+
+
+def timer(period: float, count: int) -> list[float]:
+    """Lateness of a timer at each point of its grid [s], of a node that does nothing else.
+
+    rcl leaves out what it has missed: a point that was left out is as late as the firing after it.
+    """
+    late: list[float] = []
+    step = round(1e9 * period)
+    with Live(paced=True) as live:
+        node = live.node("jitter")
+        live.settle(lambda: True)
+        done = live.future()
+        last = 0
+
+        def fire() -> None:
+            nonlocal last
+            now = time.monotonic_ns()
+            due = now + beat.time_until_next_call() - step
+            late.extend(1e-9 * (now - at) for at in range(last + step if last else due, due + 1, step))
+            last = due
+            if len(late) >= count and not done.done():
+                done.set_result(None)
+
+        beat = node.create_timer(period, fire, clock=Clock(clock_type=STEADY))
+        live.serve(done)
+    return late[:count]
+
+
+def nanosleep(wake: Path, period: float, count: int) -> list[float]:
+    """Lateness of each wake of the C loop [s], as a child of this process with the scheduling of this process."""
+    command = [str(wake), str(round(1e9 * period)), str(count)]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return [1e-9 * int(line) for line in said.split()]
+
+
+def rows(runs: int) -> list[Row]:
+    """Median and 99th percentile at 100 Hz and at 1 kHz."""
+    found = []
+    with program("wake") as wake:
+        for title, period, count in (("100Hz", 0.01, 300), ("1kHz", 0.001, 2000)):
+            ours, bare = alternate(
+                runs,
+                lambda period=period, count=count: timer(period, count),
+                lambda period=period, count=count: nanosleep(wake, period, count),
+            )
+            for name, share in (("p50", 0.5), ("p99", 0.99)):
+                found.append(
+                    Row(
+                        f"timer.{title}.{name}",
+                        f"lateness of a timer at {title}, {name}",
+                        "us",
+                        tuple(1e6 * percentile(late, share) for late in ours),
+                        "clock_nanosleep in C",
+                        tuple(1e6 * percentile(late, share) for late in bare),
+                    )
+                )
+    return found

@@ -1,0 +1,125 @@
+"""The hand of the fault injection: a user who answers each state as told, and sees what becomes of it."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+
+from mig_interfaces.msg import TrialState
+from rig_runtime import topics
+from rig_runtime.node import RigNode
+from rig_runtime.ticks import to_stamp
+
+#: [N] What a good hand pushes, forth and back so that the cart stays where it is.
+PUSH = 5.0
+
+#: [N] What a wrench holds that must never be admitted.
+POISON = 77.0
+
+
+class Heard(NamedTuple):
+    """A motion as it came: when [s, steady clock], its tick, the force that was admitted for it [N]."""
+
+    at: float
+    tick: int
+    force: float
+
+
+class Hand(RigNode):
+    """Takes the place of `user_sim`, by its name.
+
+    `answer(stamp, tick)` is called for each state, with the stamp [ns]; the default is :meth:`push`.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("user_sim", **kwargs)
+        self.answer: Callable[[int, int], None] = self.push
+        self.newest = -1
+        self.motions: list[Heard] = []
+        self.states: list[Any] = []
+        #: How often each tick was decided, and why, in the present trial.
+        self.decided: Counter[int] = Counter()
+        self.reasons: dict[int, int] = {}
+        #: Every force that a command has held [N].
+        self.commanded: set[float] = set()
+        self.diagnostics: dict[str, tuple[bytes, dict[str, str]]] = {}
+        self.last_good = 0.0
+        self.wrenches = self.loop_publisher(topics.WRENCH)
+        self.loop_subscription(topics.TASK_STATE, self._on_state)
+        for topic, callback in (
+            (topics.COMMAND, self._on_command),
+            (topics.DECISION, self._on_decision),
+            (topics.END_EFFECTOR, self._on_motion),
+        ):
+            self.create_subscription(topic.type, topic.name, callback, topic.qos)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+
+    def arm(self, trial: TrialState) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Look at what comes from now on."""
+        self.motions.clear()
+        self.states.clear()
+        self.decided.clear()
+        self.reasons.clear()
+        self.commanded.clear()
+
+    # -- what it does --------------------------------------------------------------------------------------------
+
+    def push(self, stamp: int, tick: int) -> None:
+        """As a good hand does."""
+        self.say(stamp, PUSH if tick % 2 else -PUSH)
+        self.last_good = time.monotonic()
+
+    def say(self, stamp: int, force: float, frame: str = topics.SENSOR_FRAME) -> None:
+        """One wrench, along x [N]."""
+        message = WrenchStamped()
+        message.header.stamp, message.header.frame_id = to_stamp(stamp), frame
+        message.wrench.force.x = force
+        self.wrenches.publish(message)
+
+    # -- what it sees --------------------------------------------------------------------------------------------
+
+    @property
+    def flowing(self) -> bool:
+        """Whether the robot moves under what is pushed, and nothing else."""
+        last = self.motions[-10:]
+        return len(last) == 10 and all(abs(heard.force) == PUSH for heard in last)
+
+    def first_zero(self, since: float) -> float | None:
+        """When the first motion without force came after a time [s, steady clock]."""
+        return next((heard.at for heard in self.motions if heard.at > since and heard.force == 0.0), None)
+
+    def warned(self, node: str, key: str) -> int:
+        """A count in a node's diagnostics."""
+        return int(self.diagnostics.get(node, (b"", {}))[1].get(key, 0))
+
+    def _on_state(self, state: Any) -> None:
+        tick = state.tick
+        self.newest = tick
+        self.states.append(state)
+        self.ticks_done += 1
+        self.answer(state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec, tick)
+
+    def _on_command(self, command: WrenchStamped) -> None:
+        self.commanded.add(command.wrench.force.x)
+
+    def _on_decision(self, decision: Any) -> None:
+        self.decided[decision.tick] += 1
+        self.reasons[decision.tick] = decision.reason
+
+    def _on_motion(self, motion: Any) -> None:
+        self.motions.append(Heard(time.monotonic(), motion.tick, motion.force.x))
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            self.diagnostics[status.name.rpartition("/")[2]] = (
+                status.level,
+                {pair.key: pair.value for pair in status.values},
+            )

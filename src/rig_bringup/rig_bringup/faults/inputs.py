@@ -1,0 +1,200 @@
+"""Faults of what comes in: wrenches and states that are lost, late, doubled or impossible."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from geometry_msgs.msg import WrenchStamped
+
+from mig_interfaces.msg import TaskState
+from rig_bringup.faults.hand import POISON, PUSH
+from rig_bringup.faults.live_graph import LiveGraph
+from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, expect_reason, row
+from rig_runtime import topics
+from rig_runtime.ticks import to_stamp
+from shared_control.filter import Reason
+
+_SAMPLE = 10_000_000  # [ns]
+
+# -- the wrench ----------------------------------------------------------------------------------------------------
+
+
+def _bad_wrench(reason: Reason, force: float, frame: str = topics.SENSOR_FRAME) -> Inject:
+    """A sensor that says what cannot be, for twenty ticks."""
+
+    def inject(graph: LiveGraph, repeats: int) -> Seen:
+        hand, zero = graph.hand, []
+        for _ in range(repeats):
+            hand.answer = lambda stamp, tick: hand.say(stamp, force, frame)
+            graph.ticks(1)
+            since = hand.last_good
+            zero.append(graph.zero_after(since))
+            graph.ticks(20)
+            expect_reason(graph, reason)
+            graph.recover()
+        return Seen(zero)
+
+    return inject
+
+
+_ZERO = "no force and the reason in each decision; goes on with the first good wrench"
+
+row("wrench/nan", "the wrench is NaN", _ZERO, 0.03)(_bad_wrench(Reason.NON_FINITE_WRENCH, math.nan))
+row("wrench/infinite", "the wrench is infinite", _ZERO, 0.03)(_bad_wrench(Reason.NON_FINITE_WRENCH, math.inf))
+row("wrench/huge", "the wrench is 1e6 N", _ZERO, 0.03)(_bad_wrench(Reason.EXCESSIVE_WRENCH, 1e6))
+row("wrench/frame", "the wrench is in another frame", _ZERO, 0.03)(_bad_wrench(Reason.UNKNOWN_FRAME, POISON, "tool"))
+
+
+@row("wrench/silent", "no wrench comes", "no force, stale wrench; goes on by itself", LIMIT)
+def _silent(graph: LiveGraph, repeats: int) -> Seen:
+    zero = []
+    for _ in range(repeats):
+        graph.hand.answer = lambda stamp, tick: None
+        zero.append(graph.zero_after(graph.hand.last_good))
+        graph.ticks(5)
+        expect_reason(graph, Reason.STALE_WRENCH)
+        graph.recover()
+    return Seen(zero)
+
+
+@row("wrench/stale", "each wrench comes ten ticks late", "no force, stale wrench: what is late is dropped")
+def _stale(graph: LiveGraph, _: int) -> Seen:
+    graph.hand.answer = lambda stamp, tick: graph.hand.say(stamp - 10 * _SAMPLE, POISON)
+    graph.ticks(50)
+    expect_reason(graph, Reason.STALE_WRENCH)
+    return Seen([], f"{sum(r == Reason.STALE_WRENCH for r in graph.hand.reasons.values())} ticks")
+
+
+@row("wrench/future", "each wrench is stamped ten ticks ahead", "no force, stale wrench: what is far ahead is dropped")
+def _future(graph: LiveGraph, _: int) -> Seen:
+    graph.hand.answer = lambda stamp, tick: graph.hand.say(stamp + 10 * _SAMPLE, POISON)
+    graph.ticks(50)
+    expect_reason(graph, Reason.STALE_WRENCH)
+    # Those that are still ahead would be taken for duplicates of the good ones.
+    graph.hand.answer = lambda stamp, tick: None
+    graph.ticks(15)
+    return Seen([])
+
+
+@row(
+    "wrench/out of order", "pairs of wrenches change places", "each tick is decided once, on its own wrench or on none"
+)
+def _out_of_order(graph: LiveGraph, _: int) -> Seen:
+    kept: list[int] = []
+
+    def swap(stamp: int, tick: int) -> None:
+        kept.append(stamp)
+        if len(kept) == 2:
+            graph.hand.say(kept.pop(), PUSH)
+            graph.hand.say(kept.pop(), -PUSH)
+
+    graph.hand.answer = swap
+    graph.ticks(50)
+    expect_every_tick_once(graph)
+    return Seen([])
+
+
+@row("wrench/duplicated", "each wrench comes twice, the second with another force", "the first counts; counted")
+def _duplicated(graph: LiveGraph, _: int) -> Seen:
+    def twice(stamp: int, tick: int) -> None:
+        graph.hand.push(stamp, tick)
+        graph.hand.say(stamp, POISON)
+
+    return _flooded(graph, twice)
+
+
+@row("wrench/10 kHz", "a hundred wrenches for each tick", "the first counts; every tick is decided once")
+def _fast(graph: LiveGraph, _: int) -> Seen:
+    def flood(stamp: int, tick: int) -> None:
+        graph.hand.push(stamp, tick)
+        for _ in range(99):
+            graph.hand.say(stamp, POISON)
+
+    return _flooded(graph, flood)
+
+
+def _flooded(graph: LiveGraph, answer: Callable[[int, int], None]) -> Seen:
+    graph.hand.answer = answer
+    graph.ticks(50)
+    expect_every_tick_once(graph)
+    graph.hand.answer = graph.hand.push
+
+    def dropped() -> int:
+        return sum(graph.hand.warned("mig_filter", key) for key in ("late", "duplicates"))
+
+    graph.wait(lambda: dropped() > 0, "what was dropped has not been counted in the diagnostics")
+    return Seen([], f"{dropped()} dropped")
+
+
+@row("wrench/10 Hz", "a wrench for every tenth tick only", "no force on the others; every tick is decided once")
+def _slow(graph: LiveGraph, _: int) -> Seen:
+    graph.hand.answer = lambda stamp, tick: graph.hand.push(stamp, tick) if tick % 10 == 0 else None
+    graph.ticks(100)
+    expect_every_tick_once(graph)
+    expect_reason(graph, Reason.STALE_WRENCH)
+    return Seen([])
+
+
+@row("wrench/two publishers", "a second node pushes too", "the first of each tick counts, the other is counted")
+def _two_publishers(graph: LiveGraph, _: int) -> Seen:
+    second = graph.hand.create_publisher(WrenchStamped, topics.WRENCH.name, topics.WRENCH.qos)
+
+    def both(stamp: int, tick: int) -> None:
+        graph.hand.push(stamp, tick)
+        message = WrenchStamped()
+        message.header.stamp, message.header.frame_id = to_stamp(stamp), topics.SENSOR_FRAME
+        message.wrench.force.x = PUSH
+        second.publish(message)
+
+    try:
+        graph.wait(lambda: second.get_subscription_count() > 0, "the second publisher was not matched")
+        return _flooded(graph, both)
+    finally:
+        graph.hand.destroy_publisher(second)
+
+
+@row("graph/two on one domain", "another graph's topics, under another namespace", "not heard")
+def _other_graph(graph: LiveGraph, _: int) -> Seen:
+    other = graph.hand.create_publisher(WrenchStamped, f"/other/{topics.WRENCH.name}", topics.WRENCH.qos)
+
+    def both(stamp: int, tick: int) -> None:
+        message = WrenchStamped()
+        message.header.stamp, message.header.frame_id = to_stamp(stamp), topics.SENSOR_FRAME
+        message.wrench.force.x = POISON
+        other.publish(message)
+        graph.hand.push(stamp, tick)
+
+    graph.hand.answer = both
+    graph.ticks(50)
+    graph.hand.destroy_publisher(other)
+    expect_every_tick_once(graph)
+    return Seen([])
+
+
+# -- the state -----------------------------------------------------------------------------------------------------
+
+
+@row("state/not finite", "a state of NaN between two ticks, with a good wrench", "no force, non finite state")
+def _bad_state(graph: LiveGraph, _: int) -> Seen:
+    states = graph.hand.create_publisher(TaskState, topics.TASK_STATE.name, topics.TASK_STATE.qos)
+    graph.wait(lambda: states.get_subscription_count() >= 2, "the false state's publisher was not matched")
+    false: list[int] = []
+
+    def disturb(stamp: int, tick: int) -> None:
+        if stamp in false:
+            graph.hand.say(stamp, POISON)
+            return
+        graph.hand.push(stamp, tick)
+        message = TaskState(tick=2**40 + tick, state=[math.nan] * 4, control=[0.0])
+        message.header.stamp, message.header.frame_id = to_stamp(stamp + _SAMPLE // 2), topics.TASK_FRAME
+        false.append(stamp + _SAMPLE // 2)
+        states.publish(message)
+
+    graph.hand.answer = disturb
+    graph.ticks(50)
+    graph.hand.answer = graph.hand.push
+    graph.hand.destroy_publisher(states)
+    graph.ticks(20)
+    expect_reason(graph, Reason.NON_FINITE_STATE)
+    return Seen([])

@@ -1,0 +1,96 @@
+"""What a row of the table of faults is, and how one is run. The rows are in `inputs` and `nodes`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from rig_bringup.faults.hand import PUSH
+from rig_bringup.faults.live_graph import FaultError, LiveGraph
+from shared_control.filter import Reason
+
+__all__ = ["LIMIT", "ROWS", "Inject", "Row", "Seen", "expect_every_tick_once", "expect_reason", "row", "run"]
+
+#: [s] From any loss to zero force: `command_timeout` and one tick.
+LIMIT = 0.05 + 0.01
+
+
+class Seen(NamedTuple):
+    """What followed: how long after each injection the force was zero [s], and a remark."""
+
+    zero: list[float]
+    remark: str = ""
+
+
+#: Does a fault so many times, sees what follows, and raises :class:`FaultError` if that is not what must follow.
+Inject = Callable[[LiveGraph, int], Seen]
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    fault: str
+    follows: str  # what must follow, in words
+    inject: Inject
+    #: [s] From the loss to zero force; None where no force is to become zero.
+    within: float | None = None
+
+
+#: By name, in the order in which they are run.
+ROWS: dict[str, Row] = {}
+
+
+def row(name: str, fault: str, follows: str, within: float | None = None) -> Callable[[Inject], Inject]:
+    """Put an injection into the table."""
+
+    def add(inject: Inject) -> Inject:
+        ROWS[name] = Row(fault, follows, inject, within)
+        return inject
+
+    return add
+
+
+def run(graph: LiveGraph, row: Row, repeats: int) -> Seen:
+    """Do one row on a graph that flows, and leave it flowing.
+
+    Raises
+    ------
+    FaultError: what must follow did not, or a force that is not the good hand's went through.
+    """
+    graph.recover()
+    graph.hand.forget()
+    seen = row.inject(graph, repeats)
+    through = graph.hand.commanded | {heard.force for heard in graph.hand.motions}
+    if through := {force for force in through if not math.isfinite(force) or abs(force) not in (0.0, PUSH)}:
+        raise FaultError(f"raw input went through: {sorted(through)} N")
+    graph.recover()
+    return seen
+
+
+def expect_reason(graph: LiveGraph, reason: Reason) -> None:
+    """One of these reasons was given.
+
+    Raises
+    ------
+    FaultError: it was not.
+    """
+    seen = set(graph.hand.reasons.values())
+    if reason not in seen:
+        names = ", ".join(Reason(number).name.lower() for number in sorted(seen))
+        raise FaultError(f"no decision gave the reason {reason.name.lower()}; there were {names}")
+
+
+def expect_every_tick_once(graph: LiveGraph) -> None:
+    """The filter decided each tick, and none twice.
+
+    Raises
+    ------
+    FaultError: it did not.
+    """
+    decided = graph.hand.decided
+    ticks = range(min(decided), max(decided) + 1)
+    if missing := [tick for tick in ticks if decided[tick] == 0]:
+        raise FaultError(f"{len(missing)} ticks have no decision, the first is {missing[0]}")
+    if twice := [tick for tick in ticks if decided[tick] > 1]:
+        raise FaultError(f"{len(twice)} ticks were decided twice, the first is {twice[0]}")

@@ -1,0 +1,107 @@
+"""What a node that moves a robot must notice by itself: a silent stream, an old message, a fault that has to stay.
+
+Neither ROS nor a clock in here: time comes in as numbers, looks as calls.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Generic, TypeVar
+
+__all__ = ["LOOKS", "FaultLatch", "Lateness", "Silence", "in_words"]
+
+T = TypeVar("T")
+
+#: How often a watchdog looks within the time that it allows.
+LOOKS = 10
+
+
+class Silence:
+    """Whether a stream has been silent for a time, counted in looks.
+
+    Looks rather than a clock: a process that was itself asleep looks once when it wakes, before it has seen what came
+    meanwhile, and must not take its own sleep for the other side's silence.
+
+    Parameters
+    ----------
+    limit: how long a stream may be silent [s].
+    """
+
+    def __init__(self, limit: float) -> None:
+        #: [s] How often to look.
+        self.period = max(limit / LOOKS, 1e-3)
+        self._limit = math.ceil(limit / self.period)
+        self._looks = 0
+
+    def heard(self) -> None:
+        """Something came."""
+        self._looks = 0
+
+    def look(self) -> bool:
+        """To be called every :attr:`period`; whether the stream is silent."""
+        self._looks += 1
+        return self.silent
+
+    @property
+    def silent(self) -> bool:
+        """As the last look found it."""
+        return self._looks >= self._limit
+
+    @property
+    def lasting(self) -> float:
+        """For how long it has been silent [s]."""
+        return self._looks * self.period
+
+
+class Lateness:
+    """How much later than it could be a message comes: l_k = (r_k - s_k) - min_{j <= k} (r_j - s_j).
+
+    With s_k the stamp and r_k the reception on a steady clock, both [ns]. The clocks need not agree, and a wall clock
+    that jumps changes nothing, because stamps of ticks are counted from the trial's beginning.
+    """
+
+    def __init__(self) -> None:
+        self._least: int | None = None
+
+    def reset(self) -> None:
+        """A new trial, with stamps of its own."""
+        self._least = None
+
+    def of(self, stamp: int, received: int) -> int:
+        """Of a message with this stamp, received at this time [ns]."""
+        delay = received - stamp
+        if self._least is None or delay < self._least:
+            self._least = delay
+        return delay - self._least
+
+
+def in_words(fault: object) -> str:
+    """A fault for a person to read; the name of one that is a member of an enumeration."""
+    return str(getattr(fault, "name", fault)).lower().replace("_", " ")
+
+
+class FaultLatch(Generic[T]):
+    """Keeps a fault until it is cleared, or, with automatic recovery, not at all.
+
+    Parameters
+    ----------
+    explicit: whether a fault stays until :meth:`clear`.
+    """
+
+    def __init__(self, explicit: bool) -> None:
+        self._explicit = explicit
+        #: The fault that is kept.
+        self.kept: T | None = None
+
+    def hold(self, fault: T | None) -> T | None:
+        """The fault that is in force, given the one of this tick; the first one is kept, it is what happened."""
+        if self.kept is not None:
+            return self.kept
+        if self._explicit:
+            self.kept = fault
+        return fault
+
+    def clear(self) -> T | None:
+        """Forget the fault and return it."""
+        fault, self.kept = self.kept, None
+        return fault

@@ -1,0 +1,184 @@
+"""`./rig bench`: which rows are chosen, what counts as slower, and that a row that fails spoils no other."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import compare
+import native
+import pytest
+import suite
+from hypothesis import given
+from hypothesis import strategies as st
+from rows import BenchError, Row, alternate, percentile, spread, table
+
+
+def row(*ratios: float, **changes: Any) -> Row:
+    """A row with these ratios to its baseline."""
+    made = Row("loop.p50", "a tick", "us", tuple(10.0 * r for r in ratios), "bare ring", (10.0,) * len(ratios))
+    return replace(made, **changes)
+
+
+def verdict(old: Row, new: Row) -> str:
+    (change,) = compare.compare([old], [new])
+    return change.verdict
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (row(1.0, 1.1, 1.2), row(1.0, 1.1, 1.2), "same"),
+        (row(1.0, 1.1, 1.2), row(1.5, 1.6, 1.7), "slower"),
+        (row(1.5, 1.6, 1.7), row(1.0, 1.1, 1.2), "faster"),
+        # Steady before, noisy now, and the other way round: the larger spread counts.
+        (row(1.0, 1.0, 1.0), row(0.8, 1.3, 2.0), "same"),
+        (row(0.6, 1.0, 1.6), row(1.3, 1.3, 1.3), "same"),
+        (row(1.0, 1.0, 1.0), row(1.01, 1.01, 1.01), "slower"),
+        # More is better: the same numbers the other way.
+        (row(2.0, 2.0, 2.0, more_is_better=True), row(1.0, 1.0, 1.0, more_is_better=True), "slower"),
+        # A machine that is slower as a whole makes nothing slower.
+        (row(1.0, 1.1, 1.2), row(1.0, 1.1, 1.2, values=(30.0, 33.0, 36.0), baselines=(30.0,) * 3), "same"),
+        # Without a baseline the values are compared.
+        (row(1.0, 1.0, 1.0, baselines=()), row(2.0, 2.0, 2.0, baselines=()), "slower"),
+        (row(1.0, 1.0), row(9.0, 9.0), "not judged: fewer than 3 runs"),
+        (row(1.0, 1.0, 1.0), row(1.0, 1.0, 1.0, unit="ms"), "is measured in another way than it was"),
+        (row(1.0, 1.0, 1.0, name="loop.p99"), row(1.0, 1.0, 1.0), "is new"),
+    ],
+)
+def test_what_is_slower(old: Row, new: Row, expected: str) -> None:
+    assert verdict(old, new) == expected
+
+
+_RATIOS = st.lists(st.floats(0.1, 10.0), min_size=3, max_size=5)
+
+
+@given(_RATIOS, _RATIOS)
+def test_slower_and_faster_are_opposites(old: list[float], new: list[float]) -> None:
+    opposite = {"slower": "faster", "faster": "slower", "same": "same"}
+    assert verdict(row(*new), row(*old)) == opposite[verdict(row(*old), row(*new))]
+
+
+@given(_RATIOS)
+def test_the_same_numbers_are_the_same(ratios: list[float]) -> None:
+    assert verdict(row(*ratios), row(*reversed(ratios))) == "same"
+
+
+def test_spread_and_percentile() -> None:
+    assert spread([5.0]) == 0.0
+    assert spread([1.0, 2.0, 3.0, 4.0, 5.0]) == 2.0
+    assert percentile([3.0, 1.0, 2.0], 0.5) == 2.0
+    assert percentile([3.0, 1.0, 2.0], 1.0) == 3.0
+
+
+def test_runs_alternate() -> None:
+    order: list[str] = []
+    first, second = alternate(3, lambda: order.append("a") or "a", lambda: order.append("b") or "b")
+    assert "".join(order) == "abbaab"
+    assert (first, second) == (("a",) * 3, ("b",) * 3)
+
+
+def test_wanted_figures() -> None:
+    assert row(1.0, wanted="ratio <= 1.2").met is True
+    assert row(1.3, wanted="ratio <= 1.2").met is False
+    assert row(1.3, wanted="value >= 13").met is True
+    assert row(1.3).met is None
+    # A baseline of zero (no wake was late) gives no ratio.
+    assert row(0.0, baselines=(0.0,), wanted="value < 0.1").met is True
+    assert row(0.0, baselines=(0.0,)).ratio is None
+    with pytest.raises(ValueError, match="no wanted figure"):
+        row(1.0, wanted="fast")
+    with pytest.raises(ValueError, match="1 values beside 2"):
+        row(1.0, baselines=(1.0, 2.0))
+    assert table([row(1.3, wanted="ratio <= 1.2")]).endswith("ratio <= 1.2 NO")
+
+
+def test_rows_are_chosen_by_beginnings() -> None:
+    assert suite.select([]) == list(suite.MEASUREMENTS)
+    assert suite.select(["filter"]) == ["filter.cart_pendulum", "filter.slip", "filter.batch"]
+    assert suite.select(["timer.1kHz.p99", "loop.100"]) == ["timer", "loop.100Hz"]
+    with pytest.raises(BenchError, match=r"no row begins with 'fitler'; there are filter\.cart_pendulum"):
+        suite.select(["fitler"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fitler"], "no row begins with 'fitler'"),
+        (["--runs", "0"], "at least one"),
+        (["--out", "nowhere/bench.json"], "there is no such folder"),
+        (["--compare", "nowhere.json"], "No such file"),
+        (["--compare", __file__], "is no result of ./rig bench"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert suite.main(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert words in said
+
+
+#: Measurements for the suite to run in their processes, quick ones.
+_PROBE = """
+import time
+from rows import BenchError, Row, alternate
+
+
+def rows(runs):
+    values, bases = alternate(runs, time.perf_counter, time.perf_counter)
+    return [Row("clock", "the time", "s", values, "the time", bases)]
+
+
+def broken(runs):
+    raise BenchError("no sensor is connected")
+
+
+def dies(runs):
+    import os
+
+    os._exit(3)
+"""
+
+
+@pytest.fixture
+def probe(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "probe.py").write_text(_PROBE)
+    monkeypatch.syspath_prepend(tmp_path)
+    functions = {"broken": "broken", "dies": "dies", "clock": "rows"}
+    measurements = {name: (f"probe:{function}", name) for name, function in functions.items()}
+    monkeypatch.setattr(suite, "MEASUREMENTS", measurements)
+
+
+@pytest.mark.usefixtures("probe")
+def test_a_row_that_fails_says_why_and_spoils_no_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert suite.main(["--runs", "1", "--out", str(tmp_path / "bench.json")]) == 1
+    said = capsys.readouterr()
+    assert "error: broken: no sensor is connected" in said.err
+    assert "error: dies: BrokenProcessPool" in said.err
+    assert [row.name for row in compare.load_rows(tmp_path / "bench.json")] == ["clock"]
+
+
+@pytest.mark.usefixtures("probe")
+def test_what_was_measured_is_written_read_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = tmp_path / "first.json", tmp_path / "second.json"
+    assert suite.main(["clock", "--runs", "3", "--out", str(first)]) == 0
+    (written,) = compare.load_rows(first)
+    assert len(written.values) == len(written.baselines) == 3
+    body = json.loads(first.read_text())
+    assert body["machine"]["versions"]["python"]
+    # As if it had been a thousand times as fast then.
+    body["rows"][0]["values"] = [1e-3 * value for value in written.values]
+    first.write_text(json.dumps(body))
+    assert suite.main(["clock", "--runs", "3", "--out", str(second), "--compare", str(first)]) == 1
+    assert "clock: slower, 0.001 -> 1" in capsys.readouterr().out
+
+
+def test_a_compiler_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "/no/such/compiler")
+    with pytest.raises(BenchError, match="/no/such/compiler cannot be run"), native.program("wake"):
+        pass
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(BenchError, match=r"false cannot compile wake\.c"), native.program("wake"):
+        pass

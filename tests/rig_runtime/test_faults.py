@@ -1,0 +1,71 @@
+"""Silence, lateness and kept faults, with time as numbers."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig_runtime.faults import LOOKS, FaultLatch, Lateness, Silence
+
+MILLISECOND = 1_000_000
+
+
+def test_a_stream_is_silent_after_its_limit_and_not_before() -> None:
+    silence = Silence(0.05)
+    assert silence.period == pytest.approx(0.005)
+    found = [silence.look() for _ in range(LOOKS + 2)]
+    assert found == [False] * (LOOKS - 1) + [True] * 3
+    assert silence.lasting == pytest.approx(0.06)
+    silence.heard()
+    assert not silence.silent
+    assert silence.lasting == 0.0
+
+
+@given(limit=st.floats(1e-3, 10.0), heard_at=st.floats(0.0, 1.0))
+def test_silence_is_found_within_its_limit(limit: float, heard_at: float) -> None:
+    """However the last message falls between two looks, from it to the finding passes at most the limit."""
+    silence = Silence(limit)
+    silence.heard()
+    # The next look comes a part of a period after the message.
+    elapsed = heard_at * silence.period
+    while not silence.look():
+        elapsed += silence.period
+    assert elapsed <= limit * (1 + 1e-9) + 1e-3
+
+
+def test_a_process_that_slept_looks_once_when_it_wakes() -> None:
+    silence = Silence(0.05)
+    assert not silence.look(), "one look, however late, is no silence"
+
+
+@given(st.lists(st.integers(0, 10**9), min_size=1))
+def test_lateness_is_against_the_best_so_far(delays: list[int]) -> None:
+    lateness, sample, offset = Lateness(), 10 * MILLISECOND, 123_456_789_012
+    found = [lateness.of(k * sample, offset + k * sample + delay) for k, delay in enumerate(delays)]
+    assert found == [delay - min(delays[: k + 1]) for k, delay in enumerate(delays)]
+
+
+def test_lateness_begins_anew_with_a_trial() -> None:
+    lateness = Lateness()
+    assert lateness.of(0, 5) == 0
+    assert lateness.of(0, 50) == 45
+    lateness.reset()
+    assert lateness.of(1000, 10**9) == 0
+
+
+@given(st.lists(st.sampled_from([None, "a", "b"])))
+def test_a_kept_fault_is_the_first_one(faults: list[str | None]) -> None:
+    latch: FaultLatch[str] = FaultLatch(explicit=True)
+    held = [latch.hold(fault) for fault in faults]
+    first = next((k for k, fault in enumerate(faults) if fault), len(faults))
+    assert held == [None] * first + faults[first : first + 1] * (len(faults) - first)
+    assert latch.clear() == (faults[first] if first < len(faults) else None)
+    assert latch.hold(None) is None
+
+
+@given(st.lists(st.sampled_from([None, "a", "b"])))
+def test_with_automatic_recovery_nothing_is_kept(faults: list[str | None]) -> None:
+    latch: FaultLatch[str] = FaultLatch(explicit=False)
+    assert [latch.hold(fault) for fault in faults] == faults
+    assert latch.clear() is None

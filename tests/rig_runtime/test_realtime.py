@@ -1,0 +1,127 @@
+"""Real-time settings: what the environment may say, and that what is reported is what the kernel has.
+
+Settings are applied in processes of their own, which do nothing else and end at once.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from rig_bringup.provision import doctor
+from rig_bringup.up import scheduling
+from rig_runtime.realtime import RealtimeError, Settings, memory_refusal, release_fifo, request_fifo
+
+#: Settings in a process that has imported what it needs and may then have lost every privilege.
+_APPLY = """
+import os, resource, sys
+from rig_runtime.realtime import Realtime, RealtimeError, Settings
+if sys.argv[1] == "unprivileged":
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+    if os.getuid() == 0:
+        os.setgroups([])
+        os.setuid(65534)
+try:
+    realtime = Realtime(Settings.from_environment())
+    realtime.before_middleware()
+    with realtime.suspended():
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    realtime.before_ticks()
+except RealtimeError as error:
+    sys.exit(str(error))
+locked = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmLck"))
+print(os.sched_getscheduler(0) == os.SCHED_FIFO, locked > 0, len(realtime.refused), sep="|")
+print(sorted(os.sched_getaffinity(0)))
+print(realtime.describe())
+"""
+
+
+def apply(privilege: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", _APPLY, privilege],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_without_a_word_nothing_is_asked_for() -> None:
+    assert Settings.from_environment({}) == Settings("off", frozenset())
+    fifo, rest = apply("as started", RIG_REALTIME="").stdout.split("|", 1)
+    assert fifo == "False"
+    assert rest.startswith("False|0")
+    assert "ordinary scheduling, memory not locked, garbage collector frozen" in rest
+
+
+def test_what_is_permitted_is_granted_and_reported() -> None:
+    may_schedule = not request_fifo()
+    release_fifo()
+    may_lock = not memory_refusal()
+    result = apply("as started", RIG_REALTIME="auto")
+    held, _, said = result.stdout.splitlines()
+    refused = (not may_schedule) + (not may_lock)
+    assert held == f"{may_schedule}|{may_lock}|{refused}"
+    assert ("SCHED_FIFO 20" in said) is may_schedule
+    assert ("memory locked" in said) is may_lock
+    assert result.stderr.count("./rig doctor") == refused
+    assert (apply("as started", RIG_REALTIME="require").returncode == 0) is (refused == 0)
+
+
+def test_what_is_refused_is_reported_and_stops_nothing() -> None:
+    result = apply("unprivileged", RIG_REALTIME="auto")
+    held, _, said = result.stdout.splitlines()
+    assert held == "False|False|2"
+    assert "no SCHED_FIFO" in said
+    assert "no locked memory: limit memlock 64, wanted unlimited" in said
+    assert result.stderr.count("./rig doctor says how to allow it") == 2
+
+
+def test_what_is_refused_is_an_error_if_required() -> None:
+    result = apply("unprivileged", RIG_REALTIME="require")
+    assert result.returncode != 0
+    assert result.stderr.startswith("RIG_REALTIME=require, but no SCHED_FIFO: ")
+
+
+def test_processors_are_chosen() -> None:
+    one = max(os.sched_getaffinity(0))
+    assert apply("as started", RIG_REALTIME="off", RIG_CPUS=str(one)).stdout.splitlines()[1] == f"[{one}]"
+
+
+def test_processors_may_be_written_as_ranges() -> None:
+    usable = sorted(os.sched_getaffinity(0))
+    for text in (",".join(map(str, usable)), f"{usable[0]}-{usable[0]}"):
+        assert Settings.from_environment({"RIG_CPUS": text}).cpus <= set(usable)
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "words"),
+    [
+        ("RIG_REALTIME", "on", "one of off, auto, require"),
+        ("RIG_CPUS", "first", "write them as 0,2-3"),
+        ("RIG_CPUS", "100000", "not all of these are usable here"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_one_sentence(variable: str, value: str, words: str) -> None:
+    with pytest.raises(RealtimeError, match=rf"{variable}={value}.*{words}"):
+        Settings.from_environment({variable: value})
+
+
+def test_a_graph_asks_for_real_time_only_if_wall_time_paces_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("RIG_REALTIME")
+    assert scheduling("realtime") == {"RIG_REALTIME": "auto"}
+    monkeypatch.setenv("RIG_REALTIME", "require")
+    assert scheduling("realtime") == {"RIG_REALTIME": "require"}
+    assert scheduling("lockstep") == {"RIG_REALTIME": "off"}
+
+
+def test_the_doctor_says_how_to_allow_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor.realtime, "request_fifo", lambda: "Operation not permitted")
+    monkeypatch.setattr(doctor.realtime, "memory_refusal", lambda: "limit memlock 64, wanted unlimited")
+    for finding, line in ((doctor.scheduling(), "rtprio 20"), (doctor.memory_lock(), "memlock unlimited")):
+        assert not finding.ok
+        assert f'echo "$USER - {line}" | sudo tee -a /etc/security/limits.conf' in finding.remedy
