@@ -107,8 +107,8 @@ def test_interrupted_it_leaves_a_closed_bag_and_no_process(
     else:
         pytest.fail("it never ran: " + "".join(seen))
     process.send_signal(number)
-    process.stderr.read()
-    assert process.wait(timeout=60) == 130
+    said = process.stderr.read()
+    assert process.wait(timeout=60) == 130, said
     assert _processes_with(str(out)) == []
     trial = rig_bag.read(out / "bag", ["/rig/trial/state"])["/rig/trial/state"][-1]
     assert getattr(trial, "message", None) or trial["message"]
