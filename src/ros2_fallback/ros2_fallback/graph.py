@@ -41,8 +41,8 @@ __all__ = [
 QUIET = 0.5
 #: [s] likewise for one topic that has been found, whose other publishers may still be missing
 QUIET_TOPIC = 0.2
-#: [s] and in any case after so long
-LIMIT = 2.0
+#: [s] and in any case after so long: more than the 3 s after which a participant of Fast DDS announces itself again
+LIMIT = 5.0
 #: [s] between two looks at the graph
 PERIOD = 0.1
 
