@@ -17,6 +17,7 @@ from urllib.parse import quote
 
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
+from rig_bringup.interrupts import Interrupts
 from rig_bringup.scenario import Checked, ScenarioError
 from rig_display.parameters import DisplayConfig
 from shared_control.parameters import ParameterError, build
@@ -225,8 +226,9 @@ def _watch(graph: GraphProcess, namespace: str, sampler: Sampler) -> int:
     from rig_bringup.monitor import Monitor
 
     line = Line()
-    with Monitor(namespace) as monitor:
+    with Interrupts() as interrupts, Monitor(namespace) as monitor:
         while not monitor.over:
+            interrupts.check()
             if graph.exit_code is not None:
                 _line_end()
                 print(f"error: the graph ended before the trial did; it said:\n{graph.last_words()}", file=sys.stderr)
@@ -236,6 +238,7 @@ def _watch(graph: GraphProcess, namespace: str, sampler: Sampler) -> int:
             sampler(graph)
         limit = time.monotonic() + _CLOSE_LIMIT
         while not monitor.bag_closed and graph.exit_code is None and time.monotonic() < limit:
+            interrupts.check()
             monitor.wait(0.1)
         line.show(monitor.progress(), last=True)
         trial, speed = monitor.trial, monitor.speed()
