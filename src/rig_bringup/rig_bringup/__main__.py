@@ -35,7 +35,12 @@ def main() -> int:
         # Also in the background, where a shell has interrupts ignored; `kill` ends a run as Ctrl-C does.
         signal.signal(number, signal.default_int_handler)
     module, function = _COMMANDS[command]
-    code: int = getattr(importlib.import_module(module), function)(rest)
+    try:
+        code: int = getattr(importlib.import_module(module), function)(rest)
+    except KeyboardInterrupt:
+        # Where there is more to say, the command says it and returns the same.
+        print("interrupted", file=sys.stderr)
+        return 130
     return code
 
 

@@ -52,7 +52,7 @@ class GraphProcess:
 
     def stop(self) -> int:
         """End the graph and wait for it; return its exit code. Interrupting this does not interrupt the ending."""
-        was = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        was = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             if self._process.poll() is None:
                 self._process.send_signal(signal.SIGINT)
@@ -63,7 +63,8 @@ class GraphProcess:
             self._out.close()
             return self._process.wait()
         finally:
-            signal.signal(signal.SIGINT, was)
+            for number, handler in was.items():
+                signal.signal(number, handler)
 
     def left(self) -> list[int]:
         """Processes of the graph that there are."""

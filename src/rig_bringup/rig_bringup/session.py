@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
+from rig_bringup.interrupts import Interrupts
 from rig_bringup.up import Line, graph_command, scheduling
 from rig_study import study_cli
 from rig_study.protocol import Protocol, load_protocol
@@ -103,16 +104,18 @@ def _lead(session: Session, graph: GraphProcess, options: argparse.Namespace) ->
         for key, name in (("p", topics.PAUSE_SERVICE), ("", topics.RESUME_SERVICE), ("r", topics.REPEAT_SERVICE))
     } | {"a": (abort, AbortTrial.Request(reason="aborted by the operator"))}
     try:
-        while not node.over:
-            if graph.exit_code is not None:
-                print(f"error: the graph ended before the session did:\n{graph.last_words()}", file=sys.stderr)
-                return 1
-            executor.spin_once(timeout_sec=0.1)
-            line.show(node.progress())
-            while not keys.empty():
-                client, request = calls.get(keys.get(), (None, None))
-                if client is not None and client.service_is_ready():
-                    client.call_async(request)
+        with Interrupts() as interrupts:
+            while not node.over:
+                interrupts.check()
+                if graph.exit_code is not None:
+                    print(f"error: the graph ended before the session did:\n{graph.last_words()}", file=sys.stderr)
+                    return 1
+                executor.spin_once(timeout_sec=0.1)
+                line.show(node.progress())
+                while not keys.empty():
+                    client, request = calls.get(keys.get(), (None, None))
+                    if client is not None and client.service_is_ready():
+                        client.call_async(request)
         line.show(node.progress(), last=True)
     finally:
         executor.shutdown()
