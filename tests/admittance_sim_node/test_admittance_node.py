@@ -64,6 +64,30 @@ def test_ticks_without_a_command_passed_under_no_force(single_graph: Any) -> Non
     assert bench.node.diagnose()[2]["dropped"] == 1
 
 
+def test_started_in_the_middle_of_a_trial_it_follows_once_it_knows_the_trial(graph: Any) -> None:
+    node = graph.make(AdmittanceSimNode)
+    commands, trials = graph.publisher(topics.COMMAND), graph.publisher(topics.TRIAL_STATE)
+    out = graph.collect(topics.END_EFFECTOR)
+    graph.until(lambda: commands.get_subscription_count() and all(node.make_report().matched_subscriptions))
+    for tick in (20, 21):
+        commands.publish(wrench(tick, 5.0))
+    graph.until(lambda: node.diagnose()[2]["dropped"] == 2)
+    trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: node.armed_uid == 1)
+    commands.publish(wrench(22, 5.0))
+    graph.until(lambda: bool(out))
+    assert [state.tick for state in out] == [22]
+    assert node.diagnose()[2]["ticks without command"] == 22
+
+
+def test_a_command_from_beyond_the_trial_is_dropped(single_graph: Any) -> None:
+    bench = Bench(single_graph)
+    bench.push(0, 2.0)
+    bench.commands.publish(wrench(100_000_000, 2.0))
+    assert bench.push(1, 2.0).tick == 1
+    assert bench.node.diagnose()[2]["dropped"] == 1
+
+
 def test_a_new_trial_starts_from_rest(single_graph: Any) -> None:
     bench = Bench(single_graph)
     bench.push(0, 5.0)

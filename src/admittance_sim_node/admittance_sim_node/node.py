@@ -96,7 +96,8 @@ class AdmittanceSimNode(RigNode):
         command = self._command
         command.load(data)
         tick = self.tick_of(command.stamp)
-        if tick is None or tick < self.ticks_done:
+        # To catch up with a stamp further ahead than the trial is long would only hold up what is true.
+        if tick is None or not 0 <= tick - self.ticks_done <= self.trial.ticks_planned:
             self._dropped += 1
             return
         while self.ticks_done < tick:

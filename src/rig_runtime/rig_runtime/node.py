@@ -151,8 +151,11 @@ class RigNode(Node):
         self._report()
 
     def tick_of(self, stamp: int) -> int | None:
-        """The tick that a stamp [ns] belongs to, None if it is none of this trial's."""
+        """The tick that a stamp [ns] belongs to, None if it is none of this trial's, or no trial is known yet."""
         if self.clock is None:
+            if not self.armed_uid:
+                # Started again in the middle of a trial: neither its t_0 nor its sample time has been heard.
+                return None
             # The first message of a trial may overtake the announcement of its t_0 on the other topic; it is tick 0.
             self.clock = TickClock(stamp, self._sample)
         return self.clock.tick(stamp)
