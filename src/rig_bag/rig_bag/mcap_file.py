@@ -14,11 +14,11 @@ import os
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import zstandard
 
+from rig_bag.mcap_pieces import Piece, Pieces
 from rig_bag.mcap_records import (
     ATTACHMENT,
     ATTACHMENT_INDEX,
@@ -72,21 +72,6 @@ class Channel:
         self.index = bytearray()
 
 
-@dataclass
-class _Piece:
-    """A run of whole records in the file, the summary's record for it, and what it counts for."""
-
-    opcode: int
-    offset: int
-    length: int
-    summary: bytes
-    #: CRC-32 of the file up to its first byte
-    crc: int = 0
-    start_time: int = 0
-    end_time: int = 0
-    counts: dict[int, int] = field(default_factory=dict)
-
-
 class McapFile:
     """Writes one file. Every method that touches the disk raises ``OSError`` and then leaves the file cut at its last
     whole record; after that only :meth:`finish`, :meth:`drop` and :meth:`close` make sense.
@@ -105,7 +90,7 @@ class McapFile:
         self._schemas: list[bytes] = []
         self._channel_records: list[bytes] = []
         self._channels: list[Channel] = []
-        self._pieces: list[_Piece] = []
+        self._pieces = Pieces(self.path.parent)
         self._start = -1
         self._end = 0
         try:
@@ -233,13 +218,14 @@ class McapFile:
 
     def drop(self) -> bool:
         """Take the last chunk (and what follows it) back off the file, to make room. False if there is none."""
-        for number in range(len(self._pieces) - 1, -1, -1):
-            if self._pieces[number].opcode == CHUNK_INDEX:
-                self._cut(self._pieces[number].offset)
-                self._crc = self._pieces[number].crc
-                del self._pieces[number:]
+        if not any(piece.opcode == CHUNK_INDEX for piece in self._pieces):
+            return False
+        while True:
+            piece = self._pieces.pop()
+            self._cut(piece.offset)
+            self._crc = piece.crc
+            if piece.opcode == CHUNK_INDEX:
                 return True
-        return False
 
     def finish(self) -> None:
         """Write the summary and the footer. May be repeated after :meth:`drop`; what is buffered is not written."""
@@ -297,6 +283,7 @@ class McapFile:
         if self._fd >= 0:
             fd, self._fd = self._fd, -1
             os.close(fd)
+            self._pieces.close()
 
     # -- bytes -------------------------------------------------------------------------------------------------------
 
@@ -309,11 +296,14 @@ class McapFile:
         end_time: int = 0,
         counts: dict[int, int] | None = None,
     ) -> None:
-        offset, crc = self._size, self._crc
+        piece = Piece(opcode, self._size, self._crc, start_time, end_time, counts or {}, summary)
         self._append(b"".join(records))
-        self._pieces.append(
-            _Piece(opcode, offset, self._size - offset, summary, crc, start_time, end_time, counts or {})
-        )
+        try:
+            self._pieces.append(piece)
+        except OSError:
+            self._cut(piece.offset)
+            self._crc = piece.crc
+            raise
 
     def _append(self, data: bytes) -> None:
         if self._fd < 0:

@@ -46,6 +46,7 @@ class Samples:
         self._period = period
         self._begin = self._next = time.monotonic()
         self.uses: dict[str, list[Use]] = defaultdict(list)
+        self.shared_memory: set[Path] = set()
 
     def take(self, graph: GraphProcess) -> None:
         """To be called often; looks once in a period."""
@@ -54,8 +55,10 @@ class Samples:
             return
         self._next = now + self._period
         for pid in graph.left():
+            process = Path("/proc") / str(pid)
             try:
-                name, use = _look(Path("/proc") / str(pid), now - self._begin)
+                name, use = _look(process, now - self._begin)
+                self.shared_memory |= _mapped(process)
             except (OSError, ValueError):
                 continue  # it has just ended
             if name:
@@ -70,6 +73,12 @@ def _look(process: Path, at: float) -> tuple[str, Use]:
     status = dict(line.split(":", 1) for line in (process / "status").read_text().splitlines() if ":" in line)
     memory = int(status["VmRSS"].split()[0]) / 1000.0
     return name, Use(at, memory, sum(1 for _ in (process / "fd").iterdir()), int(status["Threads"]))
+
+
+def _mapped(process: Path) -> set[Path]:
+    """Files in shared memory that the process uses: its own graph's, whatever else runs on the machine."""
+    paths = (line.split(maxsplit=5)[5:] for line in (process / "maps").read_text().splitlines())
+    return {Path(path[0]) for path in paths if path and path[0].startswith(f"{_SHARED_MEMORY}/")}
 
 
 @dataclass
@@ -156,7 +165,7 @@ def main(argv: Sequence[str]) -> int:
         return code
     window = min(_SETTLED, 0.2 * seconds)
     findings = [*of_processes(samples.uses, window), *of_bag(out / "bag", window)]
-    left = set(_SHARED_MEMORY.iterdir()) - there
+    left = [path for path in samples.shared_memory - there if path.exists()]
     findings.append(Finding("left in shared memory", "files", 0.0, len(left), "none", not left))
     print(f"\n{'after settling, and at the end':36} {'':>12} {'':>12}")
     for finding in findings:

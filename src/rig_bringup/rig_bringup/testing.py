@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from rig_bringup.provision.steps import Places, check_command
+
 #: Packages whose types are checked.
 TYPED = ("shared_control", "rig_runtime")
 
@@ -15,17 +17,17 @@ TYPED = ("shared_control", "rig_runtime")
 def main(argv: Sequence[str]) -> int:
     """Run the checks and pytest with the given arguments. With arguments (a file, -k ...) only pytest runs."""
     root = Path(os.environ["RIG_ROOT"])
-    checks = [
-        ["ruff", "check", "."],
-        ["ruff", "format", "--check", "."],
-        ["mypy", *(f"src/{name}/{name}" for name in TYPED)],
-        ["pip", "check"],
-    ]
+    checks = {
+        "ruff check": [sys.executable, "-m", "ruff", "check", "."],
+        "ruff format": [sys.executable, "-m", "ruff", "format", "--check", "."],
+        "mypy": [sys.executable, "-m", "mypy", *(f"src/{name}/{name}" for name in TYPED)],
+        "pip check": check_command(Places(root)),
+    }
     failed = []
-    for check in [] if argv else checks:
-        print(f"== {' '.join(check)}", flush=True)
-        if subprocess.run([sys.executable, "-m", *check], cwd=root, check=False).returncode != 0:
-            failed.append(check[0] if check[0] != "pip" else "pip check")
+    for name, check in {} if argv else checks.items():
+        print(f"== {name}", flush=True)
+        if subprocess.run(check, cwd=root, check=False).returncode != 0:
+            failed.append(name)
     # Two at a time: the live graphs, one after the other, and beside them all that needs none (`tests/conftest.py`).
     pytest = [sys.executable, "-m", "pytest", *(argv or ["-n", "2"])]
     code = subprocess.run(pytest, cwd=root, check=False).returncode

@@ -1,8 +1,8 @@
 """`run`: spin nodes until they are done or told to end, and leave cleanly.
 
-SIGINT and SIGTERM are blocked in every thread and taken by one that waits for them and hands them to the executor as a
-task. Ending is thereby an event between two callbacks and never cuts one in half: bags are closed, the trial's state is
-published, and then the middleware goes down.
+SIGINT and SIGTERM raise nothing: a thread reads of them from a pipe and hands them to the executor as a task. Ending is
+thereby an event between two callbacks and never cuts one in half: bags are closed, the trial's state is published, and
+then the middleware goes down.
 """
 
 from __future__ import annotations
@@ -69,12 +69,20 @@ def spin(executor: Executor, nodes: Sequence[RigNode]) -> None:
 
 
 class _SignalTaker:
-    """Turns SIGINT and SIGTERM into a call, from a thread of its own; a third signal ends the process at once."""
+    """Turns SIGINT and SIGTERM into a call, from a thread of its own; a third signal ends the process at once.
+
+    The interpreter's C handler writes to the pipe in whatever thread the signal meets. Blocking the signals instead
+    would not do: threads that libraries have started at their import have a mask of their own.
+    """
 
     def __init__(self) -> None:
         self._action: Callable[[], None] | None = None
         self._count = 0
-        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+        self._pipe, end = os.pipe()
+        os.set_blocking(end, False)
+        signal.set_wakeup_fd(end, warn_on_full_buffer=False)
+        for number in _SIGNALS:
+            signal.signal(number, lambda *_: None)
         threading.Thread(target=self._take, name="signals", daemon=True).start()
 
     @property
@@ -88,7 +96,8 @@ class _SignalTaker:
 
     def _take(self) -> None:
         while True:
-            signal.sigwait(_SIGNALS)
+            if os.read(self._pipe, 1)[0] not in _SIGNALS:
+                continue
             self._count += 1
             if self._count >= 3:
                 os._exit(130)

@@ -147,7 +147,19 @@ def _install_ros(places: Places, pins: Path, run: Run) -> None:
 
 def _install(places: Places, lists: list[Path], run: Run) -> None:
     _get(places, [part for path in lists for part in ("-r", str(path))], run)
-    run(_pip(places, "check"))
+    run(check_command(places))
+
+
+def check_command(places: Places) -> list[str]:
+    """The command that finds out whether the installed packages fit together.
+
+    Beside a ROS installation the environment sees the system's packages too, and pip would fail for any two of those
+    that do not fit: there only what the rig itself has installed is looked at, which uv can and pip cannot.
+    """
+    uv = places.venv / "bin" / "uv"
+    if uses_wheels() or not uv.exists():
+        return _pip(places, "check")
+    return [str(uv), "pip", "check", "--python", str(places.python)]
 
 
 def mend_include_paths(prefix: Path, packages: Path) -> int:

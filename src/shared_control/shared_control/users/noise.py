@@ -27,7 +27,10 @@ class IdleUser:
 
 
 class Noise:
-    """White Gaussian controls (m,), held and clipped; that of a tick depends on seed and tick alone."""
+    """White Gaussian controls (m,), held and clipped; that of a tick depends on seed and tick alone.
+
+    Only the block in force is kept, so that a trial of any length takes the same memory.
+    """
 
     #: Samples drawn at a time: a draw costs as much for one as for hundreds.
     _BLOCK = 512
@@ -43,16 +46,21 @@ class Noise:
     def at(self, tick: int) -> Array:
         """Control of the sample in force at this tick."""
         index = tick // self._hold
-        while index >= len(self._samples):
+        if index < self._first:
+            self.reset(self._seed)
+        while index >= self._first + len(self._samples):
             block = self._random.standard_normal((self._BLOCK, len(self._sd))) * self._sd
             if self._clip is not None:
                 block = np.clip(block, -self._clip, self._clip)
-            self._samples = np.concatenate([self._samples, block])
-        return np.array(self._samples[index])
+            self._first += len(self._samples)
+            self._samples = block
+        return np.array(self._samples[index - self._first])
 
     def reset(self, seed: int) -> None:
         """Begin the stream of this trial."""
+        self._seed = seed
         self._random = stream(seed, "user")
+        self._first = 0
         self._samples = np.empty((0, len(self._sd)))
 
 
