@@ -18,7 +18,8 @@ from mig_interfaces.msg import FilterDecision
 from rig_bag import BagWriter
 from rig_bringup.__main__ import main as command
 from rig_bringup.scenario import Checked
-from rig_study.recorded_inputs import load_inputs, scenario_of, user_forces
+from rig_study.recorded import TrialError, load, measured, scenario_of
+from rig_study.recorded_inputs import load_inputs, user_forces
 from rig_study.rederive import rederive, simulate
 from rig_study.rederive_cli import main
 from shared_control import scenario as science
@@ -95,6 +96,20 @@ def test_a_hybrid_task_is_decided_in_its_mode(run_composed: Callable[..., Path],
     task = tasks.get("slip")
     assert any(task.mode(x) != mode for x, mode in zip(inputs.states, inputs.task_modes, strict=True))
     assert rederive(inputs).difference() is None
+
+
+def test_a_fall_is_judged_by_the_parameters_of_its_trial(run_composed: Callable[..., Path], tmp_path: Path) -> None:
+    loop = {"task": "slip", "robot_mass": 0.01, "robot_damping": 40.0, "seed": 3}
+    loop["task_parameters"] = ["fall_height=0.9"]
+    content = {key: value for key, value in sections(tmp_path, **loop).items() if key.endswith(("**", "filter"))}
+    recorded = run_composed("slip", **loop)
+    with pytest.raises(TrialError, match="0 scenarios attached"):
+        measured(load(recorded))
+    attached = copy(recorded, tmp_path / "attached", lambda topic, number, data: data, yaml.safe_dump(content).encode())
+    found, headless = measured(load(attached)), run_trial(content, 3).measures
+    assert found is not None
+    assert found.fell
+    assert (found.fall_time, found.override) == (headless.fall_time, headless.override)
 
 
 def test_the_first_difference_is_shown(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

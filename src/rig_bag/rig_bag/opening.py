@@ -39,10 +39,12 @@ def open_bag(path: str | os.PathLike[str], attachments: Iterable[str] = ()) -> B
 
 
 def place_of(trial: Trial, folder: Path) -> Path:
-    """A trial's own bag in a folder: subject, set, trial, and the first attempt that is not there yet."""
+    """A trial's own bag in a folder: subject, set, trial, attempt; if nobody counts these, the first that is free."""
     words = [word for word in (trial.subject or "trial", trial.set, f"{trial.trial:03d}") if word]
     # What a service call carries becomes the name of a directory, and nothing else.
     stem = "_".join(re.sub(r"[^\w-]", "-", word) for word in words)
+    if trial.attempt:
+        return folder / f"{stem}_a{trial.attempt}"
     places = (folder / f"{stem}_a{attempt}" for attempt in itertools.count(1))
     return next(place for place in places if not place.exists())
 

@@ -30,6 +30,7 @@ class Trial:
     group: str
     set: str
     trial: int
+    attempt: int
     scenario: str
     configuration_hash: str
     seed: int

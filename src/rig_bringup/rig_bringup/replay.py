@@ -12,8 +12,8 @@ import numpy as np
 from rig_bag import BagError
 from rig_bringup import scenario as scenarios
 from rig_bringup.scenario import Checked, ScenarioError
-from rig_study.recorded import TrialError, load
-from rig_study.recorded_inputs import scenario_of, user_forces
+from rig_study.recorded import TrialError, load, scenario_of
+from rig_study.recorded_inputs import user_forces
 from shared_control.users import UserConfig
 
 __all__ = ["Replay"]

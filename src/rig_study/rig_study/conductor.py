@@ -169,6 +169,7 @@ class ConductorNode(Node):
             group=trial.group,
             set=trial.set,
             trial=trial.trial,
+            attempt=trial.attempt,
             seed=trial.seed,
             duration=self.session.progress.protocol.study.duration,
         )

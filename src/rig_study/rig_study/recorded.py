@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 import rig_bag
-from shared_control import measures, tasks
+from shared_control import measures
+from shared_control import scenario as science
+from shared_control.scenario import LoopConfig, Scenario
+from shared_control.trial import measured as of_trial
 
 Array = npt.NDArray[Any]
 
@@ -111,14 +116,42 @@ def load(bag: str | Path) -> RecordedTrial:
 
 
 def measured(trial: RecordedTrial) -> measures.CartPendulumMeasures | measures.SlipMeasures | None:
-    """The measures of its task; None if it has none. N states make N - 1 samples: the last tick only starts one."""
-    acted, intervened = np.any(trial.user_control != 0.0, axis=1)[:-1], trial.verdict[:-1] != 0
-    if trial.trial.task == "cart_pendulum":
-        return measures.cart_pendulum(trial.states, trial.sample_time, action=acted, intervened=intervened)
+    """The measures of its task; None if it has none. N states make N - 1 samples: the last tick only starts one.
+
+    Raises
+    ------
+    TrialError, ScenarioError: as :func:`scenario_of`, for a task whose measures depend on the scenario.
+    """
     if trial.trial.task == "slip":
-        height = tasks.get("slip").parameters.fall_height
-        return measures.slip(trial.states, trial.sample_time, action=acted, intervened=intervened, fall_height=height)
-    return None
+        # When it has fallen and how fast it should run is the trial's own scenario's to say.
+        scenario = scenario_of(trial.bag)
+    else:
+        scenario = Scenario(loop=LoopConfig(task=trial.trial.task, sample_time=trial.sample_time))
+    return of_trial(scenario, trial.states, trial.user_control[:-1], trial.verdict[:-1], trial.reason[:-1])
+
+
+def scenario_of(bag: str | Path) -> Scenario:
+    """The scenario that is attached to a bag.
+
+    Raises
+    ------
+    TrialError: there is none. ScenarioError: it is not one that this version can run. BagError: as ``rig_bag.info``.
+    """
+    found = [
+        data
+        for contents in rig_bag.info(bag).contents()
+        for name, media_type, data in contents.attachments
+        if media_type == "application/yaml" and b"ros__parameters" in data
+    ]
+    if len(found) != 1:
+        raise TrialError(f"{bag} has {len(found)} scenarios attached; one is wanted, that of the trial")
+    try:
+        content = yaml.safe_load(found[0])
+    except yaml.YAMLError as error:
+        raise science.ScenarioError(f"the scenario attached to {bag} is not YAML: {error}") from error
+    if not isinstance(content, Mapping):
+        raise science.ScenarioError(f"the scenario attached to {bag} is not a parameter file")
+    return science.load(content)
 
 
 def only(topics: dict[str, Any], name: str, bag: str | Path) -> Any:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 import rig_bag
-from rig_study.recorded import TrialError, only, row
+from rig_study.recorded import TrialError, only, row, scenario_of
 from shared_control import scenario as science
 from shared_control.filter import INPUT_FAULTS
 from shared_control.scenario import Scenario
 
-__all__ = ["RecordedInputs", "load_inputs", "scenario_of", "user_forces"]
+__all__ = ["RecordedInputs", "load_inputs", "user_forces"]
 
 Array = npt.NDArray[Any]
 
@@ -46,30 +44,6 @@ class RecordedInputs:
     task_modes: Array
     forces: Array
     dropped: int
-
-
-def scenario_of(bag: str | Path) -> Scenario:
-    """The scenario that is attached to a bag.
-
-    Raises
-    ------
-    TrialError: there is none. ScenarioError: it is not one that this version can run. BagError: as ``rig_bag.info``.
-    """
-    found = [
-        data
-        for contents in rig_bag.info(bag).contents()
-        for name, media_type, data in contents.attachments
-        if media_type == "application/yaml" and b"ros__parameters" in data
-    ]
-    if len(found) != 1:
-        raise TrialError(f"{bag} has {len(found)} scenarios attached; name the one that it was run with by --scenario")
-    try:
-        content = yaml.safe_load(found[0])
-    except yaml.YAMLError as error:
-        raise science.ScenarioError(f"the scenario attached to {bag} is not YAML: {error}") from error
-    if not isinstance(content, Mapping):
-        raise science.ScenarioError(f"the scenario attached to {bag} is not a parameter file")
-    return science.load(content)
 
 
 def load_inputs(bag: str | Path, scenario: str | None = None) -> RecordedInputs:
@@ -105,7 +79,7 @@ def load_inputs(bag: str | Path, scenario: str | None = None) -> RecordedInputs:
         )
     taken = np.where(unseen[:, None], decision["user_force"], forces[of_wrench] if len(forces) else np.nan)
     last = row(trial, -1)
-    loaded = replace(scenario_of(bag) if scenario is None else science.load(scenario), name=last.scenario or "recorded")
+    loaded = replace(_attached(bag) if scenario is None else science.load(scenario), name=last.scenario or "recorded")
     return RecordedInputs(
         bag=Path(bag),
         trial=last,
@@ -116,6 +90,13 @@ def load_inputs(bag: str | Path, scenario: str | None = None) -> RecordedInputs:
         forces=np.ascontiguousarray(taken[:count]),
         dropped=len(decision) - count,
     )
+
+
+def _attached(bag: str | Path) -> Scenario:
+    try:
+        return scenario_of(bag)
+    except TrialError as error:
+        raise TrialError(f"{error}; name it by --scenario") from None
 
 
 def user_forces(bag: str | Path) -> Array:

@@ -18,6 +18,7 @@ import pandas as pd
 from rig_bag import BagError
 from rig_study.declared import StudyError
 from rig_study.recorded import MODES, PHASES, TrialError, load, measured
+from shared_control.scenario import ScenarioError
 
 __all__ = ["RULE", "Gathered", "find_bags", "read", "subjects"]
 
@@ -27,7 +28,9 @@ RULE = (
     "attempt is used."
 )
 #: What a mean over trials is taken of; success becomes the rate.
-_NOT_MEASURES = ("name", "subject", "group", "set", "trial", "position", "mode", "task", "seed", "outcome", "source")
+_NOT_MEASURES = frozenset(
+    ("name", "subject", "group", "set", "trial", "attempt", "position", "mode", "task", "seed", "outcome", "source")
+)
 
 
 @dataclass
@@ -74,7 +77,7 @@ def read(paths: Sequence[Path]) -> Gathered:
             name = _name(bag, path)
             try:
                 row = _row(bag, name)
-            except (BagError, TrialError) as error:
+            except (BagError, TrialError, ScenarioError) as error:
                 result.left_out.append((name, str(error)))
                 continue
             rows.append(row)
@@ -90,9 +93,9 @@ def read(paths: Sequence[Path]) -> Gathered:
 
 
 def _last_attempts(rows: list[dict[str, Any]], left_out: list[tuple[str, str]]) -> list[dict[str, Any]]:
-    """Of each subject's trial, the last attempt; the recorder numbers them at the end of the bag's name."""
+    """Of each subject's trial, the last attempt."""
     last: dict[tuple[Any, ...], dict[str, Any]] = {}
-    for row in sorted(rows, key=lambda row: (_attempt(row["name"]), row["name"])):
+    for row in sorted(rows, key=lambda row: (row["attempt"], row["name"])):
         key = (row["subject"], row["set"], row["trial"]) if row.get("subject") else (row["name"],)
         if key in last:
             left_out.append((last[key]["name"], f"done again as {row['name']}"))
@@ -102,6 +105,7 @@ def _last_attempts(rows: list[dict[str, Any]], left_out: list[tuple[str, str]]) 
 
 
 def _attempt(name: str) -> int:
+    """Where nobody counted: as the recorder numbered them at the end of the bag's name."""
     found = re.search(r"_a(\d+)$", name)
     return int(found[1]) if found else 1
 
@@ -135,6 +139,7 @@ def _row(bag: Path, name: str) -> dict[str, Any]:
         "name": name,
         **who,
         "trial": int(state.trial),
+        "attempt": int(state.attempt) or _attempt(name),
         "mode": " then ".join(modes),
         "task": state.task,
         "scenario": state.scenario,

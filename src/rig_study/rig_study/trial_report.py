@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rig_study.recorded import MODES, PACINGS, PHASES, RecordedTrial, load, measured
+from rig_study.recorded import MODES, PACINGS, PHASES, RecordedTrial, TrialError, load, measured
 from shared_control import measures
+from shared_control.scenario import ScenarioError
 
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -73,7 +74,10 @@ def _short(value: float) -> str:
 
 
 def _measures(trial: RecordedTrial) -> dict[str, str]:
-    found = measured(trial)
+    try:
+        found = measured(trial)
+    except (TrialError, ScenarioError) as error:
+        return {"measures": f"unknown: {error}"}
     if isinstance(found, measures.CartPendulumMeasures):
         return _cart_pendulum(found)
     if isinstance(found, measures.SlipMeasures):

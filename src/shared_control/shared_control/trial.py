@@ -17,7 +17,7 @@ from shared_control.scenario import Scenario, load
 from shared_control.tasks.task import Array
 from shared_control.users import presets
 
-__all__ = ["TrialResult", "judged", "run_trial", "run_trials"]
+__all__ = ["TrialResult", "judged", "measured", "run_trial", "run_trials"]
 
 Source = str | os.PathLike[str] | Mapping[str, Any] | Scenario
 
@@ -94,11 +94,12 @@ class _Loop:
             reason=reason,
             criterion=criterion,
             outcome=plant.outcome,
-            measures=_measures(self.scenario, states, user_control, verdict, reason),
+            measures=measured(self.scenario, states, user_control, verdict, reason),
         )
 
 
-def _measures(scenario: Scenario, states: Array, user_control: Array, verdict: np.ndarray, reason: np.ndarray) -> Any:
+def measured(scenario: Scenario, states: Array, user_control: Array, verdict: np.ndarray, reason: np.ndarray) -> Any:
+    """The measures of the scenario's task, None if it has none; shapes as in :class:`TrialResult`."""
     action = (reason != Reason.NULL_ACTION) & np.any(user_control != 0.0, axis=1)
     sample, intervened = scenario.loop.sample_time, verdict != Verdict.ACCEPTED
     if scenario.loop.task == "cart_pendulum":
@@ -143,7 +144,7 @@ def judged(result: TrialResult, scenario: Source) -> Any:
     for k, (x, force, task_mode) in enumerate(ticks):
         decision = agent.decide(x, force, int(task_mode)).decision
         verdict[k], reason[k] = decision.verdict, decision.reason
-    return _measures(loaded, result.states, result.user_control, verdict, reason)
+    return measured(loaded, result.states, result.user_control, verdict, reason)
 
 
 _worker: _Loop | None = None

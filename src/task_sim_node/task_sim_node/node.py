@@ -93,7 +93,9 @@ class TaskSimNode(RigNode):
         self.trial.sample_time.sec, self.trial.sample_time.nanosec = divmod(self._sample, NANOSECONDS)
         config = self._config
         if config.autostart:
-            self._begin(config.subject, config.group, config.set, config.trial, 0, 0.0)
+            self._begin(
+                StartTrial.Request(subject=config.subject, group=config.group, set=config.set, trial=config.trial)
+            )
         else:
             self._publish_trial(TrialState.PHASE_IDLE, "trial/start begins a trial")
 
@@ -125,12 +127,13 @@ class TaskSimNode(RigNode):
 
     # -- trials --------------------------------------------------------------------------------------------------
 
-    def _begin(self, subject: str, group: str, set_: str, number: int, seed: int, duration: float) -> None:
+    def _begin(self, asked: StartTrial.Request) -> None:
         trial = self.trial
         trial.uid += 1
-        trial.subject, trial.group, trial.set, trial.trial = subject, group, set_, number
-        trial.seed = seed or self._loop.seed
-        self._planned = round((duration or self._loop.duration) / self._loop.sample_time)
+        trial.subject, trial.group, trial.set = asked.subject, asked.group, asked.set
+        trial.trial, trial.attempt = asked.trial, asked.attempt
+        trial.seed = asked.seed or self._loop.seed
+        self._planned = round((asked.duration or self._loop.duration) / self._loop.sample_time)
         trial.ticks_planned = self._planned
         trial.ticks_published = trial.missed_deadlines = 0
         trial.outcome = TaskState.OUTCOME_OPEN
@@ -278,7 +281,7 @@ class TaskSimNode(RigNode):
         elif not 0.0 <= request.duration <= 86400.0:
             response.message = f"duration = {request.duration} is not allowed; it must be from 0 to 86400 [s]"
         else:
-            self._begin(request.subject, request.group, request.set, request.trial, request.seed, request.duration)
+            self._begin(request)
             response.success, response.uid = True, self.trial.uid
             response.message = f"trial {self.trial.uid} is being armed"
         return response
