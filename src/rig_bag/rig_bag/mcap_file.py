@@ -283,7 +283,6 @@ class McapFile:
         if self._fd >= 0:
             fd, self._fd = self._fd, -1
             os.close(fd)
-            self._pieces.close()
 
     # -- bytes -------------------------------------------------------------------------------------------------------
 

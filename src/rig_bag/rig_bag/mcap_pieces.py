@@ -1,6 +1,7 @@
 """What a file of any length has to remember of its pieces until its summary is written: on the disk, not in memory.
 
-The list lies in a nameless file beside the bag, which goes with the process, however that ends.
+The list lies in a nameless file beside the bag, which goes with the list, or with the process, however that ends. It can
+be read as long as it is there, also after the bag has been closed.
 """
 
 from __future__ import annotations
@@ -80,8 +81,7 @@ class Pieces:
             piece, position = _piece(data, position)
             yield piece
 
-    def close(self) -> None:
-        """Forget all."""
+    def __del__(self) -> None:
         self._file.close()
 
     def _read(self, begin: int, length: int) -> bytes:
