@@ -88,7 +88,7 @@ def test_a_run_goes_on_where_it_was_killed(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(runs, "run_job", watched)
     assert text(run(jobs, folder, workers=1)) == text(whole)
-    assert ran == ["t000002", "t000003"]
+    assert [name[-7:] for name in ran] == ["t000002", "t000003"]
     assert text(run(jobs, folder, workers=1)) == text(whole)
     assert len(ran) == 2
 

@@ -50,6 +50,7 @@ class CohortConfig:
         1.0, "Practice that a trial with filter is worth, in trials without.", unit="trials", ge=0.0, le=100.0
     )
     delay: float = parameter(0.0, "From seeing to acting, for graded users.", unit="s", ge=0.0, le=2.0)
+    replan: int = parameter(1, "Ticks from plan to plan; in between the user follows the last.", ge=1, le=1000)
     noise_sd: tuple[float, ...] = parameter(
         (), "Noise of users without skill, for each control; empty: the task's.", unit="of the control", ge=0.0
     )
@@ -90,8 +91,8 @@ class Cohort:
         c = self.config
         skill = subject.at(practice) + c.trial_sd * stream(seed, "skill").standard_normal()
         return UserConfig(
-            user=c.user, preset=c.preset, skill=float(np.clip(skill, 0.0, 1.0)), delay=c.delay, noise_sd=c.noise_sd,
-            noise_hold=c.noise_hold,
+            user=c.user, preset=c.preset, skill=float(np.clip(skill, 0.0, 1.0)), delay=c.delay, replan=c.replan,
+            noise_sd=c.noise_sd, noise_hold=c.noise_hold,
         )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from rig_study.declared import StudyError
 from shared_control.filter import Verdict
 from shared_control.scenario import Scenario
-from shared_control.trial import run_trial
+from shared_control.trial import run_trial, wanted_speed
 
 __all__ = ["Job", "progress", "run", "run_job", "write_table"]
 
@@ -63,6 +63,14 @@ def run_job(job: Job) -> Row:
         names = job.scenario.loop.make_task().state_names
         row |= {f"trace.{name}": result.states[:: job.trace, k].tolist() for k, name in enumerate(names)}
         row["trace_step"] = job.trace * result.sample_time
+        # The share of the ticks from each kept state to the next.
+        intervened = result.verdict != Verdict.ACCEPTED
+        row["trace_intervened"] = [
+            float(np.mean(part)) for part in np.split(intervened, range(job.trace, len(intervened), job.trace))
+        ]
+        wanted = wanted_speed(job.scenario, len(result.states))
+        if wanted is not None:
+            row["trace_wanted_speed"] = wanted[:: job.trace]
     return row
 
 

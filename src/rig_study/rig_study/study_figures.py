@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from rig_study.figure_style import LINES, SUCCESS, VERDICT_COLOURS, axes, label, plain, row, spans, wrapped
+from rig_study.figure_style import LINES, SUCCESS, VERDICT_COLOURS, WIDTH, axes, label, plain, row, spans, wrapped
 from rig_study.recorded import RecordedTrial
 from rig_study.study_statistics import MEASURES
 
-__all__ = ["comparison", "convergence", "example", "group_bars", "rejection_and_skill", "stars"]
+__all__ = ["comparison", "convergence", "example", "group_bars", "rejection_and_skill", "running", "stars"]
 
 #: A group is told by its grey as well as by its colour, and by its hatch.
 _GROUPS = ((LINES[1], ""), ("#F0E442", "//"), (LINES[4], "xx"), (LINES[2], ".."))
@@ -102,6 +102,50 @@ def convergence(trials: pd.DataFrame) -> Figure | None:
         ax.plot(time, middle, color=LINES[1], lw=2)
         label(ax, name.removeprefix("trace."), "rad" if angle else "")
     panels[-1].set_xlabel("trial time [s]")
+    return figure
+
+
+def running(trials: pd.DataFrame, by: list[str]) -> Figure | None:
+    """Height and speed of a runner's mass, a condition a row: its first trial. Broad where the user was overridden."""
+    if not {"trace.z_m", "trace.x_m_dot", "trace_intervened"} <= set(trials.columns):
+        return None
+    conditions = trials[trials["task"] == "slip"].groupby(by, sort=False).head(1)
+    if conditions.empty:
+        return None
+    figure = Figure(figsize=(WIDTH, 2.6 * len(conditions)), layout="constrained")
+    panels = figure.subplots(len(conditions), 2, sharex=True, sharey="col", squeeze=False)
+    for (height, speed), (_, trial) in zip(panels, conditions.iterrows(), strict=True):
+        intervened = np.asarray(trial["trace_intervened"], dtype=float)
+        time = trial["trace_step"] * np.arange(len(intervened))
+        # After a fall there is nothing to see.
+        shown = time <= trial["fall_time"]
+        for ax, name in ((height, "trace.z_m"), (speed, "trace.x_m_dot")):
+            plain(ax)
+            values = np.asarray(trial[name], dtype=float)[: len(time)]
+            ax.plot(time[shown], values[shown], color=LINES[0], lw=0.8)
+            overridden = np.where(shown & (intervened >= 0.5), values, np.nan)
+            ax.plot(time, overridden, color=LINES[2], lw=2.6, alpha=0.8, label="overridden")
+            if trial["fell"]:
+                ax.axvline(trial["fall_time"], color=LINES[0], ls="--", lw=1)
+        if trial["fell"]:
+            height.annotate(
+                f" falls at {trial['fall_time']:.1f} s", (trial["fall_time"], 0.9), xycoords=("data", "axes fraction")
+            )
+        wanted = trial.get("trace_wanted_speed")
+        if isinstance(wanted, (list, np.ndarray)):
+            speed.plot(
+                time, np.asarray(wanted, dtype=float)[: len(time)], color=LINES[1], lw=1.4, ls=":", label="wanted"
+            )
+        height.set_title(", ".join(str(trial[key]).replace("_", " ") for key in by), loc="left", fontsize="medium")
+        speed.set_title(f"overridden {100 * trial['override']:.0f} % of the time", loc="left", fontsize="medium")
+        label(height, "height", "m")
+        label(speed, "speed", "m/s")
+    for ax in panels[-1]:
+        ax.set_xlabel("trial time [s]")
+    handles = {
+        text: handle for ax in panels[:, 1] for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(handles.values(), handles, loc="outside upper right", ncols=len(handles), frameon=False)
     return figure
 
 

@@ -26,7 +26,7 @@ _STYLE = """
  th, td { padding: .15rem 1.4rem .15rem 0; text-align: right; border-bottom: 1px solid #ddd;
           white-space: nowrap }
  th:first-child, td:first-child { text-align: left; white-space: normal } th { color: #555; font-weight: 500 }
- figure { margin: 0 0 1rem } svg { width: 100%; height: auto } figcaption, .note { color: #555; max-width: 60rem }
+ figure { margin: 0 0 1rem } svg { max-width: 100%; height: auto } figcaption, .note { color: #555; max-width: 60rem }
 """
 
 
@@ -65,6 +65,7 @@ def _study(trials: pd.DataFrame, study: Mapping[str, Any], out: Path) -> Iterato
         "Holm's method), * p < 0.05, ** p < 0.01, *** p < 0.001."
     )
     yield _figure(figures.group_bars(means, dict(study)), out, "groups", "Groups and sets", caption)
+    yield "<h2>Means over subjects (SD)</h2>" + _means(means)
     for key, title in (
         ("mixed_anova", "Group between subjects, set within them (mixed analysis of variance)"),
         ("factorial_anova", "The factorial form: every value taken as independent"),
@@ -97,7 +98,11 @@ def _conditions(trials: pd.DataFrame, out: Path) -> Iterator[str]:
         yield "<h2>Means</h2>" + _table(head, rows)
         caption = "Means over trials with standard errors; the same seeds in each condition."
         yield _figure(figures.comparison(trials, by, measures[:3]), out, "comparison", "Conditions", caption)
-    figure = figures.convergence(trials)
+    figure = figures.running(trials, by) if by else None
+    if figure is not None:
+        caption = "The first trial of each condition. Broad and orange: the filter overrode the user; dashed: the fall."
+        yield _figure(figure, out, "running", "Height and speed", caption)
+    figure = figures.convergence(trials) if not by or len(trials.groupby(by)) == 1 else None
     if figure is not None:
         caption = "Each trial in grey; median and quartiles in blue, of an angle those of its magnitude."
         yield _figure(figure, out, "convergence", f"{len(trials)} trials", caption)
@@ -125,6 +130,19 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return f"<table><tr>{top}{body}</table>"
 
 
+def _means(means: pd.DataFrame) -> str:
+    """A row for each group and set."""
+    measures = [name for name in (*MEASURES, "pra") if name in means]
+    rows = []
+    for (group, set_), its in means.groupby(["group", "set"]):
+        spread = "" if len(its) == 1 else " ({:.3f})"
+        cells = (f"{its[name].mean():.3f}" + spread.format(its[name].std()) for name in measures)
+        rows.append((f"{group}, {set_}", len(its), *cells))
+    units = {**MEASURES, "pra": ("PRA", "")}
+    head = ("group, set", "subjects", *(" ".join(units[name]).strip() for name in measures))
+    return _table(head, rows)
+
+
 def _p(value: float | None) -> str:
     return "-" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
@@ -142,35 +160,45 @@ def _anova(analyses: Mapping[str, Any]) -> str:
                 (name, effect, f"{row['f']:.3f}", f"{row['df']:g}, {row['error_df']:g}", _p(row["p"]), interval)
             )
         notes.append(f"{name}: {'; '.join(found['remarks'])}")
-    said = "".join(f"<br>{html.escape(note)}" for note in notes)
     head = ("measure", "effect", "F", "df", "p", "partial eta² (95 %)")
-    return (_table(head, rows) if rows else "") + f"<p class='note'>{said.removeprefix('<br>')}</p>"
+    return (_table(head, rows) if rows else "") + _notes(notes)
 
 
 def _tests(tests: Mapping[str, Any]) -> str:
-    rows = []
+    rows, notes = [], []
     for key, row in tests.items():
-        name = key.replace("_", " ")
+        name = _readable(key)
         if "error" in row:
-            rows.append((name, row["error"], "", "", "", "", ""))
+            notes.append(f"{name}: {row['error']}")
             continue
+        if row.get("normality", [None, None])[1] is not None:
+            w, p = row["normality"]
+            says = "speak against" if p < 0.05 else "do not speak against"
+            notes.append(f"{name}: the changes {says} normality (Shapiro-Wilk W = {w:.3f}, p = {p:.3g})")
         change = f"{row['difference']:.3f} ({row['low']:.3f} to {row['high']:.3f})"
         d = f"{row['d']:.2f} ({row['d_low']:.2f} to {row['d_high']:.2f})" if row["d_low"] is not None else "-"
         rows.append((name, change, f"{row['t']:.3f}", f"{row['df']:.1f}", _p(row["p"]), _p(row.get("p_holm")), d))
-    return _table(("test", "difference (95 %)", "t", "df", "p", "p, Holm", "d (95 %)"), rows)
+    head = ("test", "difference (95 %)", "t", "df", "p", "p, Holm", "d (95 %)")
+    return (_table(head, rows) if rows else "") + _notes(notes)
+
+
+def _readable(key: str) -> str:
+    """A test's name, with that of its measure as a reader has it."""
+    measure, comma, rest = key.partition(",")
+    return MEASURES.get(measure, (measure,))[0] + comma + rest
+
+
+def _notes(notes: Sequence[str]) -> str:
+    return f"<p class='note'>{'<br>'.join(map(html.escape, notes))}</p>" if notes else ""
 
 
 def _correlations(tests: Mapping[str, Any]) -> str:
-    rows = [
-        (name, row["error"], "", "", "")
-        if "error" in row
-        else (
-            name,
-            f"{row['r']:.3f} ({row['low']:.3f} to {row['high']:.3f})",
-            row["n"],
-            _p(row["p"]),
-            _p(row["p_holm"]),
-        )
-        for name, row in ((key.replace("_", " "), row) for key, row in tests.items())
-    ]
-    return _table(("skill and PRA", "r (95 %)", "n", "p", "p, Holm"), rows)
+    rows, notes = [], []
+    for key, row in tests.items():
+        name = _readable(key)
+        if "error" in row:
+            notes.append(f"{name}: {row['error']}")
+            continue
+        interval = f"{row['r']:.3f} ({row['low']:.3f} to {row['high']:.3f})"
+        rows.append((name, interval, row["n"], _p(row["p"]), _p(row["p_holm"])))
+    return (_table(("skill and PRA", "r (95 %)", "n", "p", "p, Holm"), rows) if rows else "") + _notes(notes)

@@ -87,7 +87,10 @@ def montecarlo_jobs(scenario: str, trials: int, seed: int, trace: int) -> list[J
             f"trials {trials}, seed {seed}, trace {trace}: trials must be at least 1, the others at least 0"
         )
     loaded = science.load(scenario)
-    return [Job(f"t{k:06d}", loaded, seed + k, {"scenario": loaded.name, "trial": k + 1}, trace) for k in range(trials)]
+    return [
+        Job(f"{loaded.name}_t{k:06d}", loaded, seed + k, {"scenario": loaded.name, "trial": k + 1}, trace)
+        for k in range(trials)
+    ]
 
 
 def sweep_jobs(sweep: Sweep) -> list[Job]:

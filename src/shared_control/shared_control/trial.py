@@ -17,7 +17,7 @@ from shared_control.scenario import Scenario, load
 from shared_control.tasks.task import Array
 from shared_control.users import presets
 
-__all__ = ["TrialResult", "judged", "measured", "run_trial", "run_trials"]
+__all__ = ["TrialResult", "judged", "measured", "run_trial", "run_trials", "wanted_speed"]
 
 Source = str | os.PathLike[str] | Mapping[str, Any] | Scenario
 
@@ -98,6 +98,14 @@ class _Loop:
         )
 
 
+def wanted_speed(scenario: Scenario, nodes: int) -> list[float] | None:
+    """What a user with a purpose wants a runner's speed [m/s] to be at each node; None for any other."""
+    if scenario.loop.task != "slip" or scenario.user.user not in ("mpc", "graded", "human"):
+        return None
+    preset = presets.get("slip", scenario.user.preset)
+    return [float(preset.aim(k * scenario.loop.sample_time)[1]) for k in range(nodes)]
+
+
 def measured(scenario: Scenario, states: Array, user_control: Array, verdict: np.ndarray, reason: np.ndarray) -> Any:
     """The measures of the scenario's task, None if it has none; shapes as in :class:`TrialResult`."""
     action = (reason != Reason.NULL_ACTION) & np.any(user_control != 0.0, axis=1)
@@ -105,10 +113,7 @@ def measured(scenario: Scenario, states: Array, user_control: Array, verdict: np
     if scenario.loop.task == "cart_pendulum":
         return measures.cart_pendulum(states, sample, action=action, intervened=intervened)
     if scenario.loop.task == "slip":
-        speed = None
-        if scenario.user.user in ("mpc", "graded", "human"):
-            preset = presets.get("slip", scenario.user.preset)
-            speed = [preset.aim(k * sample)[1] for k in range(len(states))]
+        speed = wanted_speed(scenario, len(states))
         fall_height = scenario.loop.make_task().parameters.fall_height
         return measures.slip(
             states, sample, action=action, intervened=intervened, wanted_speed=speed, fall_height=fall_height
