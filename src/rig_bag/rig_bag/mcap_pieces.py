@@ -1,7 +1,7 @@
 """What a file of any length has to remember of its pieces until its summary is written: on the disk, not in memory.
 
-The list lies in a nameless file beside the bag, which goes with the list, or with the process, however that ends. It can
-be read as long as it is there, also after the bag has been closed.
+The list lies in a nameless file beside the bag, which goes with the list, or with the process, however that ends. It
+can be read as long as it is there, also after the bag has been closed.
 """
 
 from __future__ import annotations
