@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +11,21 @@ import numpy as np
 import pytest
 import yaml
 from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from whole_graph import sections
 
 import rig_bag
 from mig_interfaces.msg import FilterDecision
 from rig_bag import BagWriter
+from rig_bag.definitions import full_definition
+from rig_bag.verify import verify
 from rig_bringup.__main__ import main as command
 from rig_bringup.scenario import Checked
 from rig_study.recorded import TrialError, load, measured, scenario_of
 from rig_study.recorded_inputs import load_inputs, user_forces
 from rig_study.rederive import rederive, simulate
 from rig_study.rederive_cli import main
+from rig_study.tables import read
 from shared_control import scenario as science
 from shared_control import tasks
 from shared_control.trial import run_trial
@@ -30,9 +34,16 @@ DECISION = "/rig/mig_filter/decision"
 
 
 def copy(
-    source: Path, target: Path, change: Callable[[str, int, bytes], bytes | None], attachment: bytes = b""
+    source: Path,
+    target: Path,
+    change: Callable[[str, int, bytes], bytes | None],
+    attachment: bytes = b"",
+    definitions: Mapping[str, str] | None = None,
 ) -> Path:
-    """A bag with the messages of another; ``change`` gets topic, number and data, and returns the data or None."""
+    """A bag with the messages of another; ``change`` gets topic, number and data, and returns the data or None.
+
+    ``definitions`` are the texts of types that are not as installed.
+    """
     counts: dict[str, int] = {}
     with BagWriter(target) as writer:
         if attachment:
@@ -42,7 +53,8 @@ def copy(
             counts[message.topic] = number + 1
             data = change(message.topic, number, message.data)
             if data is not None:
-                channel = writer.add_topic(message.topic, message.type)
+                text = (definitions or {}).get(message.type)
+                channel = writer.add_topic(message.topic, message.type, definition=text)
                 writer.write(channel, data, message.log_time, message.publish_time)
     return target
 
@@ -110,6 +122,30 @@ def test_a_fall_is_judged_by_the_parameters_of_its_trial(run_composed: Callable[
     assert found is not None
     assert found.fell
     assert (found.fall_time, found.override) == (headless.fall_time, headless.override)
+
+
+def test_a_bag_from_before_attempts_were_counted_is_read(bag: Path, tmp_path: Path) -> None:
+    kind = "mig_interfaces/msg/TrialState"
+    now = full_definition(kind)
+    then = "\n".join(line for line in now.splitlines() if not line.startswith("uint32 attempt"))
+    new, old = (get_typestore(Stores.ROS2_JAZZY) for _ in range(2))
+    new.register({name: value for name, value in get_types_from_msg(now, kind).items() if name not in new.fielddefs})
+    old.register({name: value for name, value in get_types_from_msg(then, kind).items() if name not in old.fielddefs})
+
+    def older(topic: str, number: int, data: bytes) -> bytes:
+        if topic != "/rig/trial/state":
+            return data
+        values = dict(vars(new.deserialize_cdr(data, kind)))
+        del values["attempt"]
+        values.pop("__msgtype__", None)
+        return bytes(old.serialize_cdr(old.types[kind](**values), kind))
+
+    changed = copy(bag, tmp_path / "older_a3", older, scenario_text(tmp_path), {kind: then})
+    assert [check.name for check in verify(changed).checks if check.result == "failed"] == ["definitions"]
+    found = read([changed])
+    assert not found.left_out
+    assert list(found.trials["attempt"]) == [3]
+    assert rederive(load_inputs(changed)).difference() is None
 
 
 def test_the_first_difference_is_shown(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

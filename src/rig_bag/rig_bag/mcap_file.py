@@ -232,7 +232,8 @@ class McapFile:
         data_end, crc = self._size, self._crc
         body = _record(DATA_END, struct.pack("<I", crc))
         start = data_end + len(body)
-        counts = {channel.id: self.counts()[channel.topic] for channel in self._channels}
+        totals = self.counts()
+        counts = {channel.id: totals[channel.topic] for channel in self._channels}
         opcodes = [piece.opcode for piece in self._pieces]
         pairs = b"".join(struct.pack("<HQ", identifier, count) for identifier, count in counts.items() if count)
         statistics = _record(

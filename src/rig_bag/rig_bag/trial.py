@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Any
 
 __all__ = ["TRIAL_TYPE", "Trial"]
@@ -30,7 +30,6 @@ class Trial:
     group: str
     set: str
     trial: int
-    attempt: int
     scenario: str
     configuration_hash: str
     seed: int
@@ -40,18 +39,21 @@ class Trial:
     state_units: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
     control_units: tuple[str, ...] = ()
+    attempt: int = 0
 
     IDLE, ARMING, RUNNING, FINISHED, ABORTED = range(5)
 
     @classmethod
     def from_message(cls, message: Any) -> Trial:
-        """Take over a TrialState message, decoded by whatever means."""
+        """Take over a TrialState message, decoded by whatever means; an older bag's may lack what has a default."""
         values: dict[str, Any] = {}
-        for name in cls.__dataclass_fields__:
+        for name, field in cls.__dataclass_fields__.items():
             if name == "stamp":
                 value: Any = message.header.stamp
-            else:
+            elif field.default is MISSING:
                 value = getattr(message, name)
+            else:
+                value = getattr(message, name, field.default)
             if name in ("stamp", "epoch", "sample_time"):
                 value = value.sec * _SECOND + value.nanosec
             elif name.endswith(("_names", "_units")):

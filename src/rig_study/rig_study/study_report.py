@@ -165,12 +165,9 @@ def _anova(analyses: Mapping[str, Any]) -> str:
 
 
 def _tests(tests: Mapping[str, Any]) -> str:
-    rows, notes = [], []
-    for key, row in tests.items():
-        name = _readable(key)
-        if "error" in row:
-            notes.append(f"{name}: {row['error']}")
-            continue
+    notes = _not_done(tests)
+    rows = []
+    for name, row in _done(tests):
         if row.get("normality", [None, None])[1] is not None:
             w, p = row["normality"]
             says = "speak against" if p < 0.05 else "do not speak against"
@@ -180,6 +177,14 @@ def _tests(tests: Mapping[str, Any]) -> str:
         rows.append((name, change, f"{row['t']:.3f}", f"{row['df']:.1f}", _p(row["p"]), _p(row.get("p_holm")), d))
     head = ("test", "difference (95 %)", "t", "df", "p", "p, Holm", "d (95 %)")
     return (_table(head, rows) if rows else "") + _notes(notes)
+
+
+def _done(tests: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    return [(_readable(key), row) for key, row in tests.items() if "error" not in row]
+
+
+def _not_done(tests: Mapping[str, Any]) -> list[str]:
+    return [f"{_readable(key)}: {row['error']}" for key, row in tests.items() if "error" in row]
 
 
 def _readable(key: str) -> str:
@@ -193,12 +198,8 @@ def _notes(notes: Sequence[str]) -> str:
 
 
 def _correlations(tests: Mapping[str, Any]) -> str:
-    rows, notes = [], []
-    for key, row in tests.items():
-        name = _readable(key)
-        if "error" in row:
-            notes.append(f"{name}: {row['error']}")
-            continue
+    rows = []
+    for name, row in _done(tests):
         interval = f"{row['r']:.3f} ({row['low']:.3f} to {row['high']:.3f})"
         rows.append((name, interval, row["n"], _p(row["p"]), _p(row["p_holm"])))
-    return (_table(("skill and PRA", "r (95 %)", "n", "p", "p, Holm"), rows) if rows else "") + _notes(notes)
+    return (_table(("skill and PRA", "r (95 %)", "n", "p", "p, Holm"), rows) if rows else "") + _notes(_not_done(tests))

@@ -105,7 +105,7 @@ def _last_attempts(rows: list[dict[str, Any]], left_out: list[tuple[str, str]]) 
 
 
 def _attempt(name: str) -> int:
-    """Where nobody counted: as the recorder numbered them at the end of the bag's name."""
+    """Where nobody counted, as in older bags: as the recorder numbered them at the end of the bag's name."""
     found = re.search(r"_a(\d+)$", name)
     return int(found[1]) if found else 1
 
@@ -139,7 +139,7 @@ def _row(bag: Path, name: str) -> dict[str, Any]:
         "name": name,
         **who,
         "trial": int(state.trial),
-        "attempt": int(state.attempt) or _attempt(name),
+        "attempt": int(getattr(state, "attempt", 0)) or _attempt(name),
         "mode": " then ".join(modes),
         "task": state.task,
         "scenario": state.scenario,
