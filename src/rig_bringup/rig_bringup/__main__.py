@@ -18,6 +18,7 @@ _COMMANDS = {
     "study": ("rig_bringup.session", "main"),
     "montecarlo": ("rig_study.sweep_cli", "montecarlo"),
     "sweep": ("rig_study.sweep_cli", "sweep"),
+    "reproduce": ("rig_study.reproduce_cli", "main"),
     "soak": ("rig_bringup.soak", "main"),
     "faults": ("rig_bringup.faults.cli", "main"),
     "bench": ("rig_bringup.__main__", "bench"),

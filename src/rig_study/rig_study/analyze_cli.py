@@ -14,7 +14,7 @@ from rig_study.declared import StudyError
 from rig_study.recorded import TrialError
 from rig_study.statistics import StatisticsError
 
-__all__ = ["main"]
+__all__ = ["analyze", "main"]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -37,7 +37,7 @@ def main(argv: Sequence[str]) -> int:
     """Returns 0; 1 if no trial could be used; 2 for bad input."""
     options = parser().parse_args(argv)
     try:
-        return _analyze(options.inputs, options.out, tuple(options.sets) if options.sets else None)
+        return analyze(options.inputs, options.out, tuple(options.sets) if options.sets else None)
     except (StudyError, StatisticsError, BagError, TrialError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -46,7 +46,14 @@ def main(argv: Sequence[str]) -> int:
         return 2
 
 
-def _analyze(inputs: Sequence[Path], out: Path, sets: tuple[str, str] | None) -> int:
+def analyze(inputs: Sequence[Path], out: Path, sets: tuple[str, str] | None = None) -> int:
+    """Write everything into ``out``. Returns 0, or 1 if no trial could be used.
+
+    Raises
+    ------
+    StudyError: as :func:`rig_study.tables.read`. StatisticsError: fewer than two sets. OSError: ``out`` cannot be
+        written.
+    """
     from rig_study.study_report import write
 
     gathered = tables.read(inputs)

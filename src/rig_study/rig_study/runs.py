@@ -1,34 +1,52 @@
 """Many headless trials, on a process pool or on Dask: the same table whatever ran it and however often it stopped.
 
 A finished trial is a line of ``journal.jsonl`` in the folder of the run, keyed by its name and a hash of everything
-that it depends on: scenario, seed, and what is kept of it. What is there when a run begins is not run again; a line
-that was cut off by a kill is dropped. When all trials are there, the table is written in their order.
+that it depends on: scenario, seed, what is kept of it, and the sources of the science. What is there when a run begins
+is not run again; a line that was cut off by a kill is dropped. When all trials are there, the table is written in their
+order.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import shared_control
 from rig_study.declared import StudyError
 from shared_control.filter import Verdict
 from shared_control.scenario import Scenario
 from shared_control.trial import run_trial, wanted_speed
 
-__all__ = ["Job", "progress", "run", "run_job", "write_table"]
+__all__ = ["Job", "digest", "progress", "run", "run_job", "science", "write_table"]
 
 Row = dict[str, Any]
+
+
+def digest(files: Iterable[Path], root: Path) -> str:
+    """SHA-256 over the names below ``root`` and the contents of files, in hexadecimal."""
+    found = hashlib.sha256()
+    for path in sorted(files):
+        found.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return found.hexdigest()
+
+
+@functools.cache
+def science() -> str:
+    """Of the sources that a headless trial runs: a result of other code is not the result."""
+    root = Path(shared_control.__file__).parent
+    return digest(root.rglob("*.py"), root)
 
 
 @dataclass(frozen=True)
@@ -47,7 +65,8 @@ class Job:
         parts = {part: dataclasses.asdict(getattr(self.scenario, part)) for part in ("filter", "robot", "user", "task")}
         # Pace and proposed seed are no part of a headless trial.
         loop = {k: v for k, v in dataclasses.asdict(self.scenario.loop).items() if k not in ("seed", "pacing")}
-        text = json.dumps([parts, loop, self.seed, dict(self.labels), self.trace], sort_keys=True, default=list)
+        what = [parts, loop, self.seed, dict(self.labels), self.trace, science()]
+        text = json.dumps(what, sort_keys=True, default=list)
         return f"{self.name}:{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 

@@ -15,7 +15,7 @@ from rig_study.session import LOG, Progress
 from rig_study.statistics import StatisticsError
 from shared_control.parameters import ParameterError
 
-__all__ = ["add_run_options", "main", "sessions"]
+__all__ = ["add_run_options", "main", "sessions", "simulate"]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -134,14 +134,32 @@ def _status(options: argparse.Namespace) -> int:
 def _simulate(options: argparse.Namespace) -> int:
     protocol, cohort = load_protocol(options.protocol), cohorts.load_cohort(options.cohort)
     folder = options.out or Path("runs") / f"study_{protocol.file.path.stem}_{cohort.file.path.stem}"
-    jobs = cohorts.jobs(protocol, cohort)
-    shown = progress(protocol.file.path.stem)
-    rows = run(jobs, folder, workers=options.workers, scheduler=options.scheduler, report=shown)
-    (folder / "protocol.yaml").write_text(protocol.file.text, encoding="utf-8")
-    (folder / "cohort.yaml").write_text(cohort.file.text, encoding="utf-8")
-    print(f"{len(rows)} trials of {len(protocol.subjects)} subjects: {write_table(rows, folder / 'trials.parquet')}")
+    rows = simulate(protocol, cohort, folder, workers=options.workers, scheduler=options.scheduler)
+    print(f"{rows} trials of {len(protocol.subjects)} subjects: {folder / 'trials.parquet'}")
     print(f"next: ./rig analyze {folder} --out {folder / 'report'}")
     return 0
+
+
+def simulate(
+    protocol: Protocol,
+    cohort: cohorts.Cohort,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> int:
+    """Every trial of a protocol with virtual subjects into ``folder``; how many there are.
+
+    Raises
+    ------
+    StudyError: as :func:`rig_study.runs.run`. ParameterError: as :func:`rig_study.cohort.jobs`.
+    """
+    shown = progress(protocol.file.path.stem)
+    rows = run(cohorts.jobs(protocol, cohort), folder, workers=workers, scheduler=scheduler, report=shown)
+    (folder / "protocol.yaml").write_text(protocol.file.text, encoding="utf-8")
+    (folder / "cohort.yaml").write_text(cohort.file.text, encoding="utf-8")
+    write_table(rows, folder / "trials.parquet")
+    return len(rows)
 
 
 def _power(options: argparse.Namespace) -> int:

@@ -151,15 +151,20 @@ def running(trials: pd.DataFrame, by: list[str]) -> Figure | None:
 
 def comparison(trials: pd.DataFrame, by: list[str], measures: list[str]) -> Figure:
     """Mean and standard error of measures for each condition; the conditions ran the same seeds."""
-    figure, panels = row(len(measures), 3.6)
-    keys = trials[by].astype(str).agg("\n".join, axis=1)
+    keys = trials[by].astype(str).agg(", ".join, axis=1)
     order = list(dict.fromkeys(keys))
+    figure = Figure(figsize=(WIDTH, 1.0 + 0.32 * len(order)), layout="constrained")
+    panels = figure.subplots(1, len(measures), sharey=True, squeeze=False)[0]
     for ax, measure in zip(panels, measures, strict=True):
+        plain(ax)
+        ax.grid(visible=False, axis="y")
         its = trials.assign(**{measure: trials[measure].astype(float)}).groupby(keys)[measure]
         mean, error = its.mean().reindex(order), its.sem().reindex(order).fillna(0.0)
-        ax.bar(range(len(order)), mean, yerr=error, color=LINES[1], edgecolor="#222222", lw=0.8, capsize=4)
-        ax.set_xticks(range(len(order)), order, rotation=0 if len(order) < 4 else 60, fontsize="small")
-        label(ax, *MEASURES.get(measure, (measure.replace("_", " "), "")))
+        ax.barh(range(len(order)), mean, xerr=error, color=LINES[1], edgecolor="#222222", lw=0.8, capsize=3, height=0.7)
+        name, unit = MEASURES.get(measure, (measure.replace("_", " "), ""))
+        ax.set_xlabel(f"{name} [{unit}]" if unit else name)
+    panels[0].set_yticks(range(len(order)), order)
+    panels[0].invert_yaxis()
     return figure
 
 

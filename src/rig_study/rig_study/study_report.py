@@ -84,7 +84,12 @@ def _study(trials: pd.DataFrame, study: Mapping[str, Any], out: Path) -> Iterato
 
 def _conditions(trials: pd.DataFrame, out: Path) -> Iterator[str]:
     by = [column for column in trials.columns if "." in column and not column.startswith("trace")]
+    # What is the same in all conditions tells none from another.
+    by = [column for column in by if trials[column].nunique(dropna=False) > 1] or by[:1]
     by = by or [column for column in ("scenario",) if column in trials]
+    trials = trials.assign(
+        **{column: trials[column].astype(object).where(trials[column].notna(), "-") for column in by}
+    )
     candidates = ("success", "pra", "rms_error", "fell", "override", "mean_speed")
     measures = [column for column in candidates if column in trials and trials[column].notna().any()]
     if by and measures:

@@ -9,7 +9,8 @@ A sweep file has two sections: ``sweep`` (:class:`SweepConfig`) and ``parameters
       mig_filter.horizon: [0.8, 1.0, 1.5]
       user_sim.noise_sd: [[10.0], [20.0]]
 
-Each point of the grid runs the same seeds, so that points are compared on the same users.
+A list of such mappings is a list of grids, one after the other. Each point runs the same seeds, so that points are
+compared on the same users.
 """
 
 from __future__ import annotations
@@ -58,21 +59,30 @@ def load_sweep(name: str | os.PathLike[str]) -> Sweep:
     """
     file = load("sweeps", name, ("sweep", "parameters"))
     config = section(file, "sweep", SweepConfig)
-    axes = file.content.get("parameters")
-    if not isinstance(axes, Mapping) or not axes:
-        raise StudyError(f"{file.path}: parameters: at least one is needed, as in 'mig_filter.horizon: [1.0, 1.5]'")
-    for key, values in axes.items():
-        if not isinstance(values, list) or not values:
-            raise StudyError(f"{file.path}: parameters: {key}: {values!r} is not allowed; it must be a list of values")
     base = science.load(config.scenario)
     points = []
-    for chosen in itertools.product(*axes.values()):
-        changes = dict(zip(map(str, axes), chosen, strict=True))
-        try:
-            points.append((changes, apply(base, changes, f"{file.path}: parameters")))
-        except ParameterError as error:
-            raise StudyError(str(error)) from None
+    for axes in _grids(file):
+        for chosen in itertools.product(*axes.values()):
+            changes = dict(zip(map(str, axes), chosen, strict=True))
+            try:
+                points.append((changes, apply(base, changes, f"{file.path}: parameters")))
+            except ParameterError as error:
+                raise StudyError(str(error)) from None
     return Sweep(file, config, tuple(points))
+
+
+def _grids(file: DeclaredFile) -> list[Mapping[str, list[Any]]]:
+    parameters = file.content.get("parameters")
+    grids = parameters if isinstance(parameters, list) else [parameters]
+    for axes in grids or [None]:
+        if not isinstance(axes, Mapping) or not axes:
+            raise StudyError(f"{file.path}: parameters: at least one is needed, as in 'mig_filter.horizon: [1.0, 1.5]'")
+        for key, values in axes.items():
+            if not isinstance(values, list) or not values:
+                raise StudyError(
+                    f"{file.path}: parameters: {key}: {values!r} is not allowed; it must be a list of values"
+                )
+    return grids
 
 
 def montecarlo_jobs(scenario: str, trials: int, seed: int, trace: int) -> list[Job]:
