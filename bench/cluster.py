@@ -38,14 +38,14 @@ def main() -> None:
             # Its workers are new processes: each loads its kernels once, as those of a cluster that stands have.
             client.run(run_job, jobs[0])
         for number in range(options.runs):
-            for kind in seconds:
+            for kind, each in seconds.items():
                 where = Path(folder) / f"{kind}{number}"
                 begin = time.monotonic()
                 if kind == "pool":
                     rows = run(jobs, where, workers=WORKERS)
                 else:
                     rows = run(jobs, where, scheduler=cluster.scheduler_address)
-                seconds[kind].append(time.monotonic() - begin)
+                each.append(time.monotonic() - begin)
                 tables.add(write_table(rows, where / "trials.parquet").read_bytes())
     for kind, each in seconds.items():
         print(f"{kind:8} {statistics.median(each):7.2f} s  (median of {[round(value, 2) for value in each]})")

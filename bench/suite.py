@@ -97,7 +97,7 @@ def run(names: Sequence[str], runs: int) -> tuple[list[Row], dict[str, str]]:
         try:
             rows += measure(name, runs)
             print(f"  {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
-        except Exception as error:  # whatever it is, the other rows are measured
+        except Exception as error:  # noqa: BLE001 whatever it is, the other rows are measured
             failures[name] = f"{type(error).__name__}: {error}" if not isinstance(error, BenchError) else str(error)
             print("  failed", file=sys.stderr, flush=True)
     return rows, failures

@@ -27,7 +27,7 @@ class _Scheduling(LoadScopeScheduling):  # type: ignore[misc]
     """With `-n`: all live graphs one after the other in one process, and beside them each other file as a whole."""
 
     def _split_scope(self, nodeid: str) -> str:
-        path = nodeid.split("::")[0]
+        path = nodeid.split("::", maxsplit=1)[0]
         return path if path.startswith(_QUIET) and path not in _LIVE else "live graphs"
 
 

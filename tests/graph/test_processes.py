@@ -96,7 +96,7 @@ def test_interrupted_it_leaves_a_closed_bag_and_no_process(
         stdout=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
-        preexec_fn=before,
+        preexec_fn=before,  # noqa: PLW1509
     )
     assert process.stderr is not None
     seen = []

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as parquet
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from pyarrow import parquet
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 

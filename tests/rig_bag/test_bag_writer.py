@@ -44,7 +44,7 @@ def _write(path: Path, make: Callable[[int], TaskState], count: int = 300) -> li
 
 def test_metadata_yaml_has_every_field_of_version_9(tmp_path: Path, task_state: Callable[[int], TaskState]) -> None:
     _write(tmp_path / "bag", task_state)
-    assert sorted(os.listdir(tmp_path / "bag")) == ["bag_0.mcap", "metadata.yaml"]
+    assert sorted(path.name for path in (tmp_path / "bag").iterdir()) == ["bag_0.mcap", "metadata.yaml"]
     document = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
     infinite = {"sec": 9223372036, "nsec": 854775807}
     assert document == {
@@ -107,7 +107,7 @@ def test_metadata_yaml_has_every_field_of_version_9(tmp_path: Path, task_state: 
 
 def test_mcap_reads_it(tmp_path: Path, task_state: Callable[[int], TaskState]) -> None:
     sent = _write(tmp_path / "bag", task_state)
-    with open(tmp_path / "bag" / "bag_0.mcap", "rb") as stream:
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         reader = mcap.reader.make_reader(stream, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
@@ -171,7 +171,7 @@ def test_an_empty_bag_is_a_bag(tmp_path: Path) -> None:
         writer.add_topic("/silent", "std_msgs/msg/String")
     with AnyReader([tmp_path / "bag"]) as reader:
         assert reader.message_count == 0
-    with open(writer.file, "rb") as stream:
+    with writer.file.open("rb") as stream:
         summary = mcap.reader.make_reader(stream).get_summary()
     assert summary is not None
     assert summary.statistics is not None
@@ -183,7 +183,7 @@ def test_what_is_flushed_can_be_read_before_the_close(tmp_path: Path) -> None:
         channel = writer.add_topic("/a", "std_msgs/msg/String")
         writer.write(channel, b"\0\1\0\0\2\0\0\0a\0", START, START)
         writer.flush()
-        with open(writer.file, "rb") as stream:
+        with writer.file.open("rb") as stream:
             records = mcap.stream_reader.StreamReader(stream, skip_magic=False).records
             kinds = [type(next(records)).__name__ for _ in range(4)]
         assert kinds == ["Header", "Schema", "Channel", "Message"]
@@ -222,7 +222,7 @@ def test_an_existing_bag_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     with pytest.raises(BagError, match="exists already"):
         BagWriter(tmp_path / "bag")
-    assert not os.listdir(tmp_path / "bag")
+    assert not any((tmp_path / "bag").iterdir())
 
 
 @pytest.mark.parametrize("parent", ["file", "proc"])
@@ -282,7 +282,7 @@ def _check_what_is_left(bag: Path, output: str, capacity: int) -> None:
         assert [log_time for _, log_time, _ in reader.messages()] == list(range(count))
     # All that fits: at most two chunks gave way to the summary.
     assert count * 1000 > capacity - 3 * 70_000
-    with open(bag / "bag_0.mcap", "rb") as stream:
+    with (bag / "bag_0.mcap").open("rb") as stream:
         assert sum(1 for _ in mcap.reader.make_reader(stream, validate_crcs=True).iter_messages()) == count
 
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -45,6 +46,6 @@ def test_a_signal_at_start_or_later_ends_it_without_a_trace(number: signal.Signa
 
 def _takes_signals(pid: int) -> bool:
     """Whether `run` has begun: it catches SIGTERM, the second of the two."""
-    with open(f"/proc/{pid}/status", encoding="ascii") as status:
+    with Path(f"/proc/{pid}/status").open(encoding="ascii") as status:
         caught = next(line for line in status if line.startswith("SigCgt")).split()[1]
     return bool(int(caught, 16) & 1 << (signal.SIGTERM - 1))

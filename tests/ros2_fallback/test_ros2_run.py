@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -108,5 +107,5 @@ def test_packages(package: Path, ros2: Callable[..., Any], monkeypatch: pytest.M
     names = ["toy broken", "toy ignored", "toy deep", "toy twice", "toy say", "toy twice", "toy wait"]
     assert ros2("pkg", "executables", "toy").out.splitlines() == names
     assert ros2("pkg", "executables").out.splitlines() == names
-    assert os.path.join(package, "lib/toy/nested/deep") in ros2("pkg", "executables", "--full-path").out.splitlines()
+    assert str(Path(package) / "lib/toy/nested/deep") in ros2("pkg", "executables", "--full-path").out.splitlines()
     assert ros2("pkg", "executables", "nowhere") == (1, "", "Package 'nowhere' not found\n")

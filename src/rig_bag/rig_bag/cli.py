@@ -114,7 +114,7 @@ def _record(arguments: argparse.Namespace) -> int:
         print("error: name the topics to record, or use --all or --regex", file=sys.stderr)
         return 1
     values = {
-        "uri": arguments.output or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S"),
+        "uri": arguments.output or datetime.datetime.now().astimezone().strftime("rosbag2_%Y_%m_%d-%H_%M_%S"),
         "topics": topics or [""],
         "regex": arguments.regex,
         "exclude_regex": arguments.exclude_regex,

@@ -67,8 +67,13 @@ class Cursor:
         return result
 
     @property
+    def left(self) -> int:
+        """Bytes that have not been taken."""
+        return len(self._data) - self._position
+
+    @property
     def at_end(self) -> bool:
-        return self._position >= len(self._data)
+        return self.left <= 0
 
 
 def frames(data: bytes, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, int, int, int]]:
@@ -124,7 +129,7 @@ def parse_chunk(content: bytes, *, whole: bool = True) -> Chunk:
     start_time, end_time, size, crc = cursor.number(8), cursor.number(8), cursor.number(8), cursor.number(4)
     compression, length = cursor.text(), cursor.number(8)
     if not whole:
-        length = min(length, len(content) - cursor._position)
+        length = min(length, cursor.left)
     return Chunk(start_time, end_time, size, crc, compression, cursor.take(length))
 
 

@@ -114,7 +114,7 @@ class BagMetadata:
         """
         path = directory / "metadata.yaml"
         try:
-            document = yaml.load(path.read_bytes(), Loader=_Loader)
+            document = yaml.load(path.read_bytes(), Loader=_Loader)  # noqa: S506 a safe one
         except FileNotFoundError:
             raise BagError(
                 f"{directory} has no metadata.yaml: it is no bag, or its recorder did not close it"

@@ -98,7 +98,7 @@ class RecorderNode(RigNode):
         self._publisher = self.create_publisher(announced.type, announced.name, announced.qos)
         self._state = RecorderState()
         atexit.register(self.close, "the process ended")
-        place = config.uri or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+        place = config.uri or datetime.datetime.now().astimezone().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
         if self._splits:
             self.path = Path(place)
             self._publish_state()

@@ -259,11 +259,11 @@ class BagWriter:
     def _write_yaml(self, metadata: BagMetadata) -> None:
         partial = self.path / "metadata.yaml.part"
         try:
-            with open(partial, "w", encoding="utf-8") as stream:
+            with partial.open("w", encoding="utf-8") as stream:
                 stream.write(metadata.file_text())
                 stream.flush()
                 os.fsync(stream.fileno())
-            os.replace(partial, self.path / "metadata.yaml")
+            partial.replace(self.path / "metadata.yaml")
         except OSError:
             partial.unlink(missing_ok=True)
             raise

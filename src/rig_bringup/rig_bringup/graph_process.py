@@ -28,7 +28,7 @@ class GraphProcess:
             stderr=subprocess.STDOUT,
             env={**os.environ, **environment},
             start_new_session=True,
-            preexec_fn=_end_with_parent,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 it takes no lock
         )
         self.log = log
 

@@ -154,7 +154,7 @@ def main(argv: Sequence[str]) -> int:
     options = arguments.parse_args(argv)
     if not 0.0 < options.hours <= 24.0:
         arguments.error(f"--hours {options.hours:g}: must be more than 0 and at most 24")
-    out = options.out or Path.cwd() / "runs" / f"soak_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+    out = options.out or Path.cwd() / "runs" / f"soak_{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
     seconds = 3600.0 * options.hours
     samples = Samples(period=min(10.0, seconds / 50.0))
     there = set(_SHARED_MEMORY.iterdir())

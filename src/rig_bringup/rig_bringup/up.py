@@ -141,7 +141,7 @@ def _place_display(checked: Checked, arguments: argparse.Namespace) -> Checked:
 
 
 def _invitation(display: dict[str, Any], arguments: argparse.Namespace) -> str:
-    host = socket.gethostname() if display["host"] in ("0.0.0.0", "::") else display["host"]
+    host = socket.gethostname() if display["host"] in ("0.0.0.0", "::") else display["host"]  # noqa: S104
     address = f"http://{f'[{host}]' if ':' in host else host}:{display['port']}"
     end = f"?token={quote(arguments.token)}" if arguments.token else ""
     return (
@@ -152,7 +152,7 @@ def _invitation(display: dict[str, Any], arguments: argparse.Namespace) -> str:
 
 
 def _make_folder(given: Path | None, name: str) -> Path:
-    out = given or Path.cwd() / "runs" / f"{name}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+    out = given or Path.cwd() / "runs" / f"{name}_{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -81,7 +81,7 @@ class DisplayNode(RigNode):
     @property
     def address(self) -> str:
         """Where a browser on this machine finds the page."""
-        host = self._config.host if self._config.host not in ("0.0.0.0", "::") else "127.0.0.1"
+        host = self._config.host if self._config.host not in ("0.0.0.0", "::") else "127.0.0.1"  # noqa: S104
         return f"http://{f'[{host}]' if ':' in host else host}:{self.server.port}/"
 
     def destroy_node(self) -> None:

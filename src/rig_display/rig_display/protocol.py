@@ -62,6 +62,12 @@ def _one_of(*choices: str) -> _Check:
     return check
 
 
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ProtocolError("must be true or false")
+    return value
+
+
 def _optional(check: _Check) -> _Check:
     return lambda value: None if value is None else check(value)
 
@@ -96,17 +102,11 @@ _FIELDS: dict[str, dict[str, _Check]] = {
     "abort": {"reason": _text(200)},
     "mode": {"mode": _one_of("off", "training", "assistance")},
     "session": {"do": _one_of("pause", "resume", "repeat")},
-    "feedback": {"on": lambda value: _flag(value)},
+    "feedback": {"on": _flag},
 }
 
 #: Types that act on the graph: rarer, and limited more tightly.
 COMMANDS = frozenset({"drive", "leave", "release", "start", "abort", "mode", "session", "feedback"})
-
-
-def _flag(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ProtocolError("must be true or false")
-    return value
 
 
 def parse(text: str) -> dict[str, Any]:

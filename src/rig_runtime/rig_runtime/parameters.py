@@ -97,7 +97,7 @@ class NodeParameters:
 
     def _refuse_unknown(self, node: Node, where: str) -> None:
         # ROS ignores an override that nobody declared, so a misspelt key would silently mean the default.
-        for name in node._parameter_overrides:
+        for name in node._parameter_overrides:  # noqa: SLF001 rclpy offers no other way
             if not node.has_parameter(name) and not name.startswith(_FOREIGN):
                 near = difflib.get_close_matches(name, self._declarations, n=1)
                 hint = f"did you mean {near[0]}?" if near else "known here: " + ", ".join(self._declarations)
@@ -111,7 +111,7 @@ class NodeParameters:
         try:
             value = node.declare_parameter(declaration.name, default, descriptor(declaration)).value
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            given = node._parameter_overrides.get(declaration.name)
+            given = node._parameter_overrides.get(declaration.name)  # noqa: SLF001
             shown = f" = {given.value!r}" if given is not None else ""
             raise ParameterError(
                 f"{where}: {declaration.name}{shown} is not allowed; it must be {declaration.allowed()}"

@@ -224,7 +224,7 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(table, partial)
-        os.replace(partial, path)
+        partial.replace(path)
     except OSError as error:
         with contextlib.suppress(OSError):
             partial.unlink()

@@ -171,7 +171,7 @@ def _power(options: argparse.Namespace) -> int:
     table = subjects(read([options.pilot]).trials)
     if options.measure not in table:
         raise StudyError(f"measure: {options.measure!r} is not there; the table has {', '.join(table.columns[4:])}")
-    sets = options.sets or [sorted(set(table["set"]))[0], sorted(set(table["set"]))[-1]]
+    sets = options.sets or [min(table["set"]), max(table["set"])]
     pilot = changes(cells(table, options.measure, sets))
     wanted = "the pilot's own effect" if options.effect is None else f"d = {options.effect:g}"
     print(f"{options.measure}, {sets[0]} to {sets[1]}, {wanted}, {options.cohorts} cohorts, alpha {options.alpha:g}")

@@ -18,7 +18,7 @@ from ros2_fallback.command import CommandError
 __all__ = ["executables", "interface_packages", "interfaces", "package_names", "prefix"]
 
 #: What the definition of each kind of interface may be called.
-_SUFFIXES = {"msg": (".idl", ".msg"), "srv": (".idl", ".srv"), "action": (".idl", ".action")}
+_SUFFIXES = {"msg": ("idl", "msg"), "srv": ("idl", "srv"), "action": ("idl", "action")}
 
 
 def package_names() -> list[str]:
@@ -69,7 +69,7 @@ def interfaces(package: str, kinds: tuple[str, ...] = ("msg", "srv", "action")) 
         return []
     names = set()
     for line in listing.splitlines():
-        stem, suffix = os.path.splitext(line)
+        stem, _, suffix = line.rpartition(".")
         kind = stem.split("/", 1)[0]
         if kind in kinds and suffix in _SUFFIXES.get(kind, ()) and "_" not in stem:
             names.add(stem)

@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -217,7 +218,7 @@ def _load_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _load(args: argparse.Namespace, parameters: _Parameters) -> Outcome:
     try:
-        with open(args.parameter_file, encoding="utf-8") as file:
+        with Path(args.parameter_file).open(encoding="utf-8") as file:
             sections = yaml.safe_load(file)
         values = values_for(absolute_name(args.node_name), sections, use_wildcard=not args.no_use_wildcard)
         messages = [_parameter(name, value=value).to_parameter_msg() for name, value in values.items()]

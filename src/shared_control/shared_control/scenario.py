@@ -189,7 +189,7 @@ def load(source: str | os.PathLike[str] | Mapping[str, Any] | Scenario) -> Scena
 
     try:
         raw = path.read_bytes()
-        content = yaml.load(raw, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.load(raw, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506 a safe one
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""

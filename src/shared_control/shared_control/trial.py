@@ -156,7 +156,7 @@ _worker: _Loop | None = None
 
 
 def _start(scenario: Scenario) -> None:
-    global _worker
+    global _worker  # noqa: PLW0603 one for each process of the pool
     _worker = _Loop(scenario)
 
 
