@@ -43,8 +43,8 @@ def paper_rows(found: Found) -> list[Row]:
          _each(change, lambda t: f"t({t['df']:.0f}) = {t['t']:.2f}, {_p(t['p'])}")),
         ("change of success rate, d", "control 0.77, training 0.94", _each(change, lambda t: f"{t['d']:.2f}")),
         ("groups in set 1", "no difference in any measure", _groups(found, first)),
-        ("groups in set 3", "training better by trials in balance time (p < 0.001), time to success (p = 0.002), RMS "
-         "error, not in success rate", _groups(found, last)),
+        ("groups in set 3", ("training better by trials in balance time (p < 0.001), time to success (p = 0.002), RMS "
+         "error, not in success rate"), _groups(found, last)),
     ]  # fmt: skip
     rows += [("groups in set 2", "the filter helps RMS error alone", _groups(found, set_)) for set_ in within]
     return rows

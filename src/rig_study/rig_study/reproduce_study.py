@@ -1,5 +1,6 @@
 """What ``./rig reproduce`` measures beside the claims of the science: the paper's study with virtual subjects, what its
-statistics are worth, the filter beside its baselines; and the figures."""
+statistics are worth, the filter beside its baselines; and the figures.
+"""
 
 from __future__ import annotations
 

@@ -67,4 +67,4 @@ def _merged(there: Sequence[str], new: Sequence[str], complete: bool) -> list[st
 
 
 def _name(row: str) -> str:
-    return row.split(" | ")[0]
+    return row.split(" | ", maxsplit=1)[0]
