@@ -11,7 +11,6 @@ The first cell names a row. A row that is measured again is replaced where it st
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -54,7 +53,7 @@ def update(page: Path, tables: Mapping[str, Sequence[Row]], *, complete: bool = 
 
         partial = page.with_suffix(".partial")
         partial.write_text(_TABLE.sub(replaced, text), encoding="utf-8")
-        os.replace(partial, page)
+        partial.replace(page)
     except OSError as error:
         raise StudyError(f"{page}: {error.strerror or error}") from None
 
