@@ -18,6 +18,7 @@ from native import program
 from rows import Row, alternate, percentile
 
 from mig_interfaces.msg import TrialState
+from mig_interfaces.srv import StartTrial
 from rig_bringup import scenario
 from rig_bringup.compose import graph
 from rig_runtime.wire import stamp_of
@@ -38,10 +39,10 @@ class TimedTaskSim(TaskSimNode):
         self.sent: dict[int, float] = {}
         self.closed: dict[int, float] = {}
 
-    def _publish_state(self, held: bool) -> None:
+    def _publish_state(self, *given: Any) -> None:
         assert self.clock is not None
         self.sent[self.clock.stamp(self._pacemaker.tick)] = time.perf_counter()
-        super()._publish_state(held)
+        super()._publish_state(*given)
 
     def _on_motion(self, data: bytes) -> None:
         self.closed[stamp_of(data)] = time.perf_counter()
@@ -71,7 +72,7 @@ def run(folder: Path, *, record: bool = False, pacing: str, **settings: Any) -> 
         task: TimedTaskSim = nodes[-1]
         recorder = nodes[0] if record else None
         live.settle(lambda: task.trial.phase == TrialState.PHASE_IDLE)
-        task._begin("", "", "", 0, 0, 0.0)
+        task._begin(StartTrial.Request())
         live.until(lambda: task.trial.phase >= TrialState.PHASE_FINISHED, 0.05)
         if recorder is not None:
             live.until(recorder.closed.done)

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.serialization import serialize_message
 
 import rig_bag
-from mig_interfaces.msg import FilterDecision, TaskState, TrialState
+from mig_interfaces.msg import EndEffectorState, FilterDecision, TaskState, TrialState
 
 SAMPLE = 10_000_000
 
@@ -30,6 +30,7 @@ def write(path: Path, ticks: int, pacing: int = TrialState.PACING_REALTIME, **st
             for name, kind in (
                 ("task/state", "TaskState"),
                 ("mig_filter/decision", "FilterDecision"),
+                ("admittance/end_effector", "EndEffectorState"),
                 ("trial/state", "TrialState"),
             )
         }
@@ -43,7 +44,14 @@ def write(path: Path, ticks: int, pacing: int = TrialState.PACING_REALTIME, **st
             decision.criterion = 1.0 if rejected else -1.0
             decision.user_control, decision.applied_control = [2.0], [0.0 if rejected else 2.0]
             decision.nominal_control = [0.0]
-            for name, message in (("task/state", state), ("mig_filter/decision", decision)):
+            motion = EndEffectorState(tick=tick)
+            if pacing == TrialState.PACING_REALTIME:
+                # [s] after t_k: the state is out at 30e-6, judged from 70e-6 on, the motion 200e-6 and back at 300e-6.
+                state.delay, state.compute_time, state.motion_age = 2e-5, 1e-5, 9.72e-3
+                decision.delay, decision.wrench_age = 7e-5, 0.0
+                motion.delay, motion.compute_time = 1.5e-4, 5e-5
+            messages = {"task/state": state, "mig_filter/decision": decision, "admittance/end_effector": motion}
+            for name, message in messages.items():
                 bag.write(channels[name], serialize_message(message), tick * SAMPLE, tick * SAMPLE)
         bag.write(channels["trial/state"], serialize_message(trial), ticks * SAMPLE, ticks * SAMPLE)
     return path

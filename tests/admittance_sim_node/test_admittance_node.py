@@ -51,6 +51,9 @@ def test_the_ideal_robot_accelerates_by_force_over_mass(graph: Any) -> None:
         assert state.acceleration.x == force / 4.0
         assert state.velocity.x == pytest.approx(velocity, abs=1e-15)
         assert (state.position.y, state.position.z) == (0.0, 0.0)
+        # These stamps lie long ago, so that is how late the commands were.
+        assert state.delay > 1e6
+        assert state.compute_time > 0.0
 
 
 def test_ticks_without_a_command_passed_under_no_force(single_graph: Any) -> None:

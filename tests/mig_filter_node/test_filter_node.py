@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from loop_messages import state, wrench
@@ -84,7 +83,7 @@ def test_opposite_pushes_get_opposite_verdicts(graph: Any) -> None:
         accepted = decision.verdict == FilterDecision.VERDICT_ACCEPTED
         assert decision.admitted_force.x == (decision.user_force.x if accepted else 0.0)
         assert decision.added_force.x == decision.admitted_force.x - decision.user_force.x
-        assert (decision.state_age, decision.wrench_age, decision.compute_time) == (0.0, 0.0, 0.0)
+        assert {getattr(decision, name) for name in ("delay", "compute_time", "state_age", "wrench_age")} == {0.0}
     assert [command.wrench.force.x for command in bench.out[topics.COMMAND]] == [d.admitted_force.x for d in pushes]
 
 
@@ -163,7 +162,10 @@ def test_in_real_time_a_missing_wrench_gets_the_safe_command(graph: Any) -> None
     graph.until(lambda: bench.node.diagnose()[2]["late"] == 1)
     later = bench.decide(1, 4.0)
     assert later.reason == FilterDecision.REASON_CRITERION
-    assert np.isfinite([later.wrench_age, later.compute_time]).all()
+    assert later.compute_time > 0.0
+    assert min(later.state_age, later.wrench_age) >= 0.0
+    # These stamps lie long ago, so that is how late it is.
+    assert later.delay > decision.delay > 1e6
     assert len(bench.out[topics.DECISION]) == 2, "the wrench that came too late got no second decision"
     assert bench.node.diagnose()[2]["late"] == 1
 

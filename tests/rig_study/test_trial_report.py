@@ -30,6 +30,25 @@ def test_the_summary_has_the_measures(tmp_path: Path) -> None:
     rows = {" ".join(line.split()) for line in summarize(write(tmp_path / "bag", 400)).splitlines()}
     assert {"Task success yes", "time to success 1.00 s", "Filter accepted 75.0 %"} <= rows
     assert "Loop ticks, decisions 400, 400 of 400" in rows
+    assert {"Latency percentiles 50 / 90 / 99", "loop, state out to motion in 270 / 270 / 270 us"} <= rows
+
+
+def test_hops_are_the_differences_of_what_was_recorded(tmp_path: Path) -> None:
+    hops = load(write(tmp_path / "bag", 50)).hops
+    us = {name: 1e6 * seconds for name, seconds in hops.items()}
+    assert us.pop("state, due to out") == pytest.approx(np.full(50, 30.0))
+    expected = {"state to filter": 20, "state to decision, by way of the user": 40, "decision": 10}
+    expected |= {"decision to robot": 70, "robot": 50, "robot to task": 100, "loop, state out to motion in": 270}
+    for name, value in (expected | {"spare, motion in to next state": 9720}).items():
+        assert us[name][:-1] == pytest.approx(np.full(49, float(value))), name
+    # Nothing tells when the last motion was back.
+    assert np.isnan(us["robot to task"][-1])
+
+
+def test_in_lockstep_there_are_no_hops(tmp_path: Path) -> None:
+    trial = load(write(tmp_path / "bag", 50, TrialState.PACING_LOCKSTEP))
+    assert trial.hops == {}
+    assert "Latency" not in summarize(trial.bag)
 
 
 @pytest.mark.parametrize(("pacing", "figures"), [(TrialState.PACING_REALTIME, 5), (TrialState.PACING_LOCKSTEP, 4)])

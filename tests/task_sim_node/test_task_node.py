@@ -70,6 +70,7 @@ def test_a_lockstep_trial_has_every_tick_once(graph: Any) -> None:
         10**9 + k * 10**7 for k in range(10)
     ]
     assert not any(s.held for s in states)
+    assert {getattr(s, name) for s in states for name in ("delay", "compute_time", "motion_age")} == {0.0}
     assert [list(s.control) for s in states] == [[0.0]] + [[1.0]] * 9
     assert states[0].state[0] == pytest.approx(math.pi, abs=0.05)
     trial = bench.trials[-1]
@@ -94,6 +95,19 @@ def test_in_real_time_silence_is_held_then_zeroed_and_counted(graph: Any) -> Non
     assert all(s.held for s in states[1:])
     assert [s.missed_deadlines for s in states] == list(range(15))
     assert bench.trials[-1].missed_deadlines == 15
+
+
+def test_in_real_time_each_state_says_when_it_was_made(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "duration:=0.1", "required_nodes:=['']")
+    states = bench.run()
+    # Never before its time; the system's clock and the steady one are read one after the other.
+    assert min(s.delay for s in states) > -1e-3
+    assert min(s.compute_time for s in states) > 0.0
+    assert states[0].motion_age == 0.0
+    assert all((s.motion_age > 0.0) is not s.held for s in states[1:])
+    values = bench.node.stage.values()
+    assert str(values["begins after due [ms]"]).startswith("p50 ")
+    assert str(values["takes [ms]"]).endswith("of 10 ticks")
 
 
 def test_lockstep_that_stands_still_is_aborted_with_the_name_of_who_is_missing(single_graph: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from mig_interfaces.msg import TrialState
 from rig_runtime import topics
 from rig_runtime.faults import FaultLatch, Silence
 from rig_runtime.node import RigNode
+from rig_runtime.stages import delay_of
 from shared_control.loop import make_robot
 from shared_control.scenario import AdmittanceConfig, LoopConfig, Scenario
 
@@ -32,6 +34,7 @@ class AdmittanceSimNode(RigNode):
         self._agent = make_robot(Scenario(loop=loop, robot=self.parameters.get(AdmittanceConfig)))
         self._dropped = self._gaps = self._losses = 0
         self._sample_time = loop.sample_time
+        self._realtime = loop.pacing == "realtime"
         self._silence = Silence(loop.command_timeout)
         self._lost_at = 0
         self._latch: FaultLatch[str] = FaultLatch(loop.recovery == "explicit")
@@ -40,7 +43,7 @@ class AdmittanceSimNode(RigNode):
         self._state = topics.END_EFFECTOR.wire()
         self._publisher = self.loop_publisher(topics.END_EFFECTOR)
         self.loop_subscription(topics.COMMAND, self._on_command, raw=True)
-        if loop.pacing == "realtime":
+        if self._realtime:
             self.create_timer(self._silence.period, self._watchdog, clock=self.steady)
         self.serve_clearing(topics.CLEAR_ROBOT_SERVICE, self._latch)
 
@@ -92,6 +95,7 @@ class AdmittanceSimNode(RigNode):
             self.publish_diagnostics()
 
     def _on_command(self, data: bytes) -> None:
+        begin = time.monotonic_ns()
         self._silence.heard()
         command = self._command
         command.load(data)
@@ -105,9 +109,9 @@ class AdmittanceSimNode(RigNode):
             self._agent.step(self._zero)
             self.ticks_done += 1
             self._gaps += 1
-        self._move(tick, command["wrench.force"] if self._latch.kept is None else self._zero)
+        self._move(tick, command["wrench.force"] if self._latch.kept is None else self._zero, begin)
 
-    def _move(self, tick: int, force: npt.NDArray[np.float64]) -> None:
+    def _move(self, tick: int, force: npt.NDArray[np.float64], begin: int = 0) -> None:
         assert self.clock is not None
         state, motion = self._state, self._agent.step(force)
         state.stamp = self.clock.stamp(tick)
@@ -117,5 +121,16 @@ class AdmittanceSimNode(RigNode):
         state["velocity"] = motion.velocity
         state["acceleration"] = motion.acceleration
         state["reference_velocity"] = motion.reference_velocity
+        if self._realtime:
+            self._note_times(begin)
         self._publisher.publish(state.data)
         self.ticks_done += 1
+
+    def _note_times(self, begin: int) -> None:
+        """Of a command received at a time [ns], 0 if none was."""
+        state, delay, compute_time = self._state, 0.0, 0.0
+        if begin:
+            compute_time = 1e-9 * (time.monotonic_ns() - begin)
+            delay = delay_of(state.stamp) - compute_time
+            self.stage.add(delay, compute_time)
+        state["delay"], state["compute_time"] = delay, compute_time

@@ -11,6 +11,7 @@ from mig_interfaces.msg import TrialState
 from rig_runtime import topics
 from rig_runtime.faults import FaultLatch, Lateness, Silence, in_words
 from rig_runtime.node import RigNode
+from rig_runtime.stages import delay_of
 from rig_runtime.ticks import Matched, TickMatcher, to_nanoseconds
 from rig_runtime.wire import stamp_of
 from shared_control.filter import Reason, Verdict
@@ -135,6 +136,7 @@ class MigFilterNode(RigNode):
 
     def _decide(self, tick: Matched[bytes, bytes]) -> None:
         begin = time.monotonic_ns()
+        delay = delay_of(tick.stamp) if self._realtime else 0.0
         state, wrench = self._state, self._wrench
         state.load(tick.left)
         kept = self._latch.kept
@@ -146,8 +148,10 @@ class MigFilterNode(RigNode):
                 self._latch.hold(outcome.decision.reason)
         else:
             outcome = self._agent.fallback(fault, force)
+        if self._realtime:
+            self._note_times(tick, begin, delay)
         self._publish_command(outcome, tick.stamp)
-        self._publish_decision(outcome, tick, begin)
+        self._publish_decision(outcome, tick)
         self._verdicts[outcome.decision.verdict] += 1
         self._reasons[outcome.decision.reason] += 1
         self.ticks_done += 1
@@ -178,7 +182,7 @@ class MigFilterNode(RigNode):
         command["wrench.force"] = self._wrench["wrench.force"]
         self._by_verdict[outcome.decision.verdict].publish(command.data)
 
-    def _publish_decision(self, outcome: FilterOutcome, tick: Matched[bytes, bytes], begin: int) -> None:
+    def _publish_decision(self, outcome: FilterOutcome, tick: Matched[bytes, bytes]) -> None:
         decision, message = outcome.decision, self._decision
         message.stamp = tick.stamp
         message["tick"] = self._state["tick"]
@@ -193,11 +197,14 @@ class MigFilterNode(RigNode):
         message["user_force"] = self._wrench["wrench.force"]
         message["admitted_force"] = outcome.admitted_force
         message["added_force"] = outcome.added_force
-        if self._realtime:
-            # Wall time differs from run to run, so it stays out of the messages of a lockstep run.
-            compute_time = 1e-9 * (time.monotonic_ns() - begin)
-            message["state_age"] = 1e-9 * (begin - tick.left_received)
-            message["wrench_age"] = 1e-9 * (begin - tick.right_received)
-            message["compute_time"] = compute_time
-            self._slowest = max(self._slowest, compute_time)
         self._decision_publisher.publish(message.data)
+
+    def _note_times(self, tick: Matched[bytes, bytes], begin: int, delay: float) -> None:
+        # Wall time differs from run to run, so it stays out of the messages of a lockstep run.
+        message, compute_time = self._decision, 1e-9 * (time.monotonic_ns() - begin)
+        message["delay"] = delay
+        message["compute_time"] = compute_time
+        message["state_age"] = 1e-9 * (begin - tick.left_received)
+        message["wrench_age"] = 1e-9 * (begin - tick.right_received)
+        self._slowest = max(self._slowest, compute_time)
+        self.stage.add(delay, compute_time)

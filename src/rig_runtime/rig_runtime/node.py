@@ -20,6 +20,7 @@ from rig_runtime import topics
 from rig_runtime.faults import FaultLatch, in_words
 from rig_runtime.parameters import NodeParameters
 from rig_runtime.realtime import collect_garbage
+from rig_runtime.stages import StageTimes
 from rig_runtime.ticks import NANOSECONDS, TickClock, from_stamp
 from rig_runtime.topics import Topic
 
@@ -49,6 +50,8 @@ class RigNode(Node):
         #: The trial's ticks; None until its t_0 is known.
         self.clock: TickClock | None = None
         self.exit_code = 0
+        #: When this node's part of each tick began and what it took, where wall time paces the trial.
+        self.stage = StageTimes()
         #: How the process is scheduled, for diagnostics; set by `rig_runtime.run`.
         self.scheduling = "not by rig_runtime.run"
         self._publishers_of_loop: dict[str, Publisher[Any]] = {}
@@ -145,6 +148,7 @@ class RigNode(Node):
         self._sample = trial.sample_time.sec * NANOSECONDS + trial.sample_time.nanosec
         self.clock = None
         self.ticks_done = 0
+        self.stage.reset()
         collect_garbage()
         self.arm(trial)
         self.armed_uid = trial.uid
@@ -190,7 +194,7 @@ class RigNode(Node):
     def publish_diagnostics(self) -> None:
         """Publish what :meth:`diagnose` says; a timer does it once a second."""
         level, message, values = self.diagnose()
-        values = {**values, "scheduling": self.scheduling}
+        values = {**values, **self.stage.values(), "scheduling": self.scheduling}
         status = DiagnosticStatus(
             level=level,
             name=self.get_fully_qualified_name(),

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import yaml
 
 import rig_bag
+from rig_study.hops import hops
 from shared_control import measures
 from shared_control import scenario as science
 from shared_control.scenario import LoopConfig, Scenario
@@ -39,6 +40,7 @@ class RecordedTrial:
     time: (N,) [s]. states: (N, n). user_control, applied_control: (N, m). verdict, reason, mode: (N,).
     criterion: (N,), NaN where it was not evaluated. compute_time: (N,) [s], zero in lockstep.
     in_success_region: (N,) bool. held: (N,) bool. received: (N,) [ns] when the recorder got the decision.
+    hops: of :func:`rig_study.hops.hops`, (N,) [s] each; empty in lockstep, and of a bag from before there were any.
     """
 
     bag: Path
@@ -56,6 +58,7 @@ class RecordedTrial:
     compute_time: Array
     state_age: Array
     received: Array
+    hops: dict[str, Array]
     ticks_recorded: int
     decisions_recorded: int
 
@@ -67,9 +70,7 @@ class RecordedTrial:
     @property
     def sample_time(self) -> float:
         """t_s [s]."""
-        duration = self.trial.sample_time
-        # A table holds whole nanoseconds; a single message holds the two fields.
-        return float(duration.sec + 1e-9 * duration.nanosec if hasattr(duration, "sec") else 1e-9 * duration)
+        return _seconds(self.trial.sample_time)
 
     def shares(self) -> dict[str, float]:
         """Share of each verdict among the decisions."""
@@ -94,6 +95,7 @@ def load(bag: str | Path) -> RecordedTrial:
         raise TrialError(f"{bag} holds no tick; the trial was {PHASES[last.phase]}: {last.message}")
     ticks, left, right = np.intersect1d(state["tick"], decision["tick"], return_indices=True)
     state, joined = state[left], decision[right]
+    motions = [table for name, table in topics.items() if name.endswith("/admittance/end_effector")]
     return RecordedTrial(
         bag=Path(bag),
         trial=last,
@@ -110,9 +112,15 @@ def load(bag: str | Path) -> RecordedTrial:
         compute_time=joined["compute_time"],
         state_age=joined["state_age"],
         received=joined["log_time"],
+        hops=hops(state, joined, motions[0], _seconds(last.sample_time)) if len(motions) == 1 else {},
         ticks_recorded=len(left) if len(ticks) else 0,
         decisions_recorded=len(decision),
     )
+
+
+def _seconds(duration: Any) -> float:
+    # A table holds whole nanoseconds; a single message holds the two fields.
+    return float(duration.sec + 1e-9 * duration.nanosec if hasattr(duration, "sec") else 1e-9 * duration)
 
 
 def measured(trial: RecordedTrial) -> measures.CartPendulumMeasures | measures.SlipMeasures | None:

@@ -59,14 +59,18 @@ def rows(trial: RecordedTrial) -> dict[str, dict[str, str]]:
             "state to decision, p50 / p99": _percentiles(trial.state_age * 1e6, "us"),
             "tick interval, p1 / p99": _percentiles(np.diff(trial.received) * 1e-6, "ms", (1, 99)),
         }
-    return {"Trial": about, "Task": _measures(trial), "Filter": filtered, "Loop": timing}
+    tables = {"Trial": about, "Task": _measures(trial), "Filter": filtered, "Loop": timing}
+    if trial.hops:
+        latency = {name: _percentiles(1e6 * seconds, "us", (50, 90, 99)) for name, seconds in trial.hops.items()}
+        tables["Latency"] = {"percentiles": "50 / 90 / 99", **latency}
+    return tables
 
 
-def _percentiles(values: np.ndarray, unit: str, which: tuple[int, int] = (50, 99)) -> str:
-    if not len(values):
+def _percentiles(values: np.ndarray, unit: str, which: tuple[int, ...] = (50, 99)) -> str:
+    known = values[~np.isnan(values)]
+    if not len(known):
         return "-"
-    low, high = np.percentile(values, which)
-    return f"{_short(low)} / {_short(high)} {unit}"
+    return f"{' / '.join(map(_short, np.percentile(known, which)))} {unit}"
 
 
 def _short(value: float) -> str:

@@ -15,6 +15,7 @@ from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.pacing import Advance, Pacemaker
+from rig_runtime.stages import delay_of
 from rig_runtime.ticks import LOCKSTEP_EPOCH, NANOSECONDS, TickClock, from_stamp, to_nanoseconds, to_stamp
 from rig_runtime.wire import WireMessage
 from shared_control.loop import Motion, make_plant
@@ -51,6 +52,7 @@ class TaskSimNode(RigNode):
         self._started = self._ended = 0.0
         #: The motion that the task goes on with, and where the next one is received.
         self._motion, self._heard = topics.END_EFFECTOR.wire(), topics.END_EFFECTOR.wire()
+        self._motion_received = 0
         task = self._agent.task
         self._message = topics.TASK_STATE.wire(state=task.n, control=task.m)
         self._timer: Timer | None = None
@@ -154,15 +156,17 @@ class TaskSimNode(RigNode):
 
     def _start(self) -> None:
         realtime = self._pacemaker.realtime
+        # One moment on both clocks: that of the stamps, and the steady one that paces.
+        begin = time.monotonic_ns()
         self.clock = TickClock(time.time_ns() if realtime else LOCKSTEP_EPOCH, self._sample)
-        self.trial.epoch = to_stamp(self.clock.epoch)
-        self._publish_trial(TrialState.PHASE_RUNNING, "")
-        self._started, self._ended = time.monotonic(), 0.0
-        self._pacemaker.start(time.monotonic_ns())
+        self._pacemaker.start(begin)
         if realtime:
             # Made after the start, so that it never fires just before a tick is due and loses a whole period.
             self._timer = self.create_timer(self._loop.sample_time, self._tick, clock=self.steady)
-        self._publish_state(held=False)
+        self._started, self._ended = 1e-9 * begin, 0.0
+        self.trial.epoch = to_stamp(self.clock.epoch)
+        self._publish_trial(TrialState.PHASE_RUNNING, "")
+        self._publish_state(Advance.MOTION, begin)
 
     def _end(self, phase: int, message: str) -> None:
         if self._timer is not None:
@@ -188,13 +192,14 @@ class TaskSimNode(RigNode):
     # -- ticks ---------------------------------------------------------------------------------------------------
 
     def _on_motion(self, data: bytes) -> None:
-        heard = self._heard
+        received, heard = time.monotonic_ns(), self._heard
         heard.load(data)
         tick = heard["tick"]
         if self.trial.phase != TrialState.PHASE_RUNNING or self.tick_of(heard.stamp) != tick:
             self._pacemaker.late += 1
         elif self._pacemaker.take(tick):
             self._motion, self._heard = heard, self._motion
+            self._motion_received = received
             if not self._pacemaker.realtime:
                 self._tick()
 
@@ -211,7 +216,8 @@ class TaskSimNode(RigNode):
         for _ in range(_BURST):
             if self.trial.phase != TrialState.PHASE_RUNNING:
                 return
-            advance = self._pacemaker.advance(time.monotonic_ns())
+            begin = time.monotonic_ns()
+            advance = self._pacemaker.advance(begin)
             if advance is None:
                 return
             if advance is Advance.COAST:
@@ -221,9 +227,9 @@ class TaskSimNode(RigNode):
             if self._pacemaker.tick >= self._planned:
                 self._end(TrialState.PHASE_FINISHED, "ran to its end")
             else:
-                self._publish_state(held=advance is not Advance.MOTION)
+                self._publish_state(advance, begin)
 
-    def _publish_state(self, held: bool) -> None:
+    def _publish_state(self, advance: Advance, begin: int) -> None:
         assert self.clock is not None
         agent, tick, message = self._agent, self._pacemaker.tick, self._message
         message.stamp = self.clock.stamp(tick)
@@ -234,9 +240,17 @@ class TaskSimNode(RigNode):
         message["control"] = agent.control
         message["in_success_region"] = agent.in_success_region
         message["outcome"] = agent.outcome
-        message["held"] = held
+        message["held"] = advance is not Advance.MOTION
         message["missed_deadlines"] = self._pacemaker.missed
-        self._progress = time.monotonic()
+        if self._pacemaker.realtime:
+            # Wall time differs from run to run, so it stays out of the messages of a lockstep run.
+            compute_time = 1e-9 * (time.monotonic_ns() - begin)
+            delay = delay_of(message.stamp) - compute_time
+            on_motion = tick > 0 and advance is Advance.MOTION
+            message["delay"], message["compute_time"] = delay, compute_time
+            message["motion_age"] = 1e-9 * (begin - self._motion_received) if on_motion else 0.0
+            self.stage.add(delay, compute_time)
+        self._progress = 1e-9 * begin
         self.ticks_done = tick + 1
         self._publisher.publish(message.data)
         if self._view is not None and tick % self._view_ticks == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -9,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from mig_interfaces.msg import TrialState
 from rig_runtime import topics
 from rig_runtime.node import RigNode
+from rig_runtime.stages import delay_of
 from shared_control.loop import make_user
 from shared_control.scenario import LoopConfig, Scenario, UserConfig
 
@@ -22,6 +24,7 @@ class UserSimNode(RigNode):
         super().__init__("user_sim", *CONFIGURATIONS, **kwargs)
         loop = self.parameters.get(LoopConfig)
         self._agent = make_user(Scenario(loop=loop, user=self.parameters.get(UserConfig)), loop.seed)
+        self._realtime = loop.pacing == "realtime"
         task = loop.make_task()
         self._state = topics.TASK_STATE.wire(state=task.n, control=task.m)
         self._wrench = topics.WRENCH.wire()
@@ -38,9 +41,13 @@ class UserSimNode(RigNode):
         return DiagnosticStatus.OK, "pushing", {"ticks": self.ticks_done}
 
     def _on_state(self, data: bytes) -> None:
+        begin = time.monotonic_ns()
         state, wrench = self._state, self._wrench
         state.load(data)
         wrench["wrench.force"] = self._agent.act(state["tick"], state["time"], state["state"], state["mode"])
         wrench.stamp = state.stamp
+        if self._realtime:
+            compute_time = 1e-9 * (time.monotonic_ns() - begin)
+            self.stage.add(delay_of(state.stamp) - compute_time, compute_time)
         self._publisher.publish(wrench.data)
         self.ticks_done += 1
