@@ -13,12 +13,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
 import rig_bag
 from rig_bag.verify import verify
+from rig_study import cohort as cohorts
+from rig_study.protocol import load_protocol
+from rig_study.recorded import load
 from rig_study.session import LOG, events
+from shared_control.trial import run_trial
 
 PROTOCOL = """
 study: {scenario: SCENARIO, duration: 1.0, seed: 3}
@@ -66,6 +71,32 @@ class Study:
         conductor.send_signal(signal.SIGKILL)
         conductor.wait()
         assert seen or due(), "the conductor did not come so far"
+
+
+COHORT = "cohort: {user: human, seed: 4, skill_mean: 0.5, pace_mean: 2.0, trial_sd: 0.05, replan: 5}\n"
+
+
+def test_a_virtual_cohort_through_the_graph_is_the_cohort_headless(tmp_path: Path) -> None:
+    made = Study(tmp_path)
+    made.protocol.write_text(made.protocol.read_text().replace("subjects: 1", "subjects: 2"))
+    (tmp_path / "cohort.yaml").write_text(COHORT)
+    simulate = made.command("simulate", "--cohort", str(tmp_path / "cohort.yaml"), "--graph")
+    for _ in range(2):  # the second finds everything done
+        done = subprocess.run(simulate, env=made.surroundings, capture_output=True, text=True, timeout=400, check=False)
+        assert done.returncode == 0, done.stderr
+        assert "all subjects have done all trials" in done.stdout
+    jobs = cohorts.jobs(load_protocol(made.protocol), cohorts.load_cohort(tmp_path / "cohort.yaml"))
+    assert len({job.scenario.user.skill for job in jobs}) == len(jobs) == 6
+    for job in jobs:
+        where = job.labels
+        name = f"{where['subject']}_{where['set']}_{where['trial']:03d}_a1"
+        recorded = load(made.sessions / str(where["subject"]) / "bags" / name)
+        headless = run_trial(job.scenario, job.seed)
+        np.testing.assert_array_equal(recorded.states, headless.states[:-1], err_msg=name)
+        np.testing.assert_array_equal(recorded.verdict, headless.verdict, err_msg=name)
+    noted = [event["skill"] for subject in ("S01", "S02") for event in events(made.sessions / subject / LOG)
+             if event["event"] == "started"]  # fmt: skip
+    assert noted == [job.scenario.user.skill for job in jobs]
 
 
 @pytest.fixture

@@ -7,8 +7,9 @@ import os
 import queue
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rig_bringup import scenario
@@ -16,8 +17,12 @@ from rig_bringup.graph_process import GraphProcess
 from rig_bringup.interrupts import Interrupts
 from rig_bringup.up import Line, graph_command, scheduling
 from rig_study import study_cli
-from rig_study.protocol import Protocol, load_protocol
+from rig_study.cohort import load_cohort
+from rig_study.declared import StudyError
+from rig_study.protocol import PlannedTrial, Protocol, load_protocol
 from rig_study.session import Session
+from shared_control import scenario as science
+from shared_control.users import UserConfig
 
 _READY_LIMIT = 60.0  # [s]
 _NODES = ("mig_filter", "admittance_sim", "recorder")
@@ -29,44 +34,87 @@ def main(argv: Sequence[str]) -> int:
 
 
 def conduct(options: argparse.Namespace) -> int:
-    """Run a subject's session; 0 if it came to its end, 130 if it was left before, 1 if the graph failed."""
+    """`study run`, or `study simulate --graph`: a subject's session, or that of every virtual subject.
+
+    Returns 0 if it came to its end, 130 if it was left before, 1 if the graph failed.
+    """
     scenario.use_shipped_scenarios()
     protocol = load_protocol(options.protocol)
-    folder = (study_cli.sessions(options, protocol) / options.subject).resolve()
+    folder = study_cli.sessions(options, protocol).resolve()
+    if options.command == "run":
+        port = options.port if options.display else None
+        setting = _Setting(options.pacing, options.compose, options.namespace, port)
+        code = _session(protocol, options.subject, folder / options.subject, setting)
+        if code == 0:
+            out = folder / options.subject
+            print(f"{options.subject} has done all trials\nnext: ./rig analyze {out} --out {out / 'report'}")
+        return code
+    if options.workers is not None or options.scheduler is not None:
+        raise StudyError("--graph runs one trial after the other; leave out --workers and --scheduler")
+    cohort = load_cohort(options.cohort)
+    for number, subject in enumerate(protocol.subjects, 1):
+        print(f"[{number}/{len(protocol.subjects)}]", end=" ")
+        setting = _Setting("lockstep", compose=True, user=cohort.users(protocol, subject))
+        code = _session(protocol, subject, folder / subject, setting)
+        if code != 0:
+            return code
+    print(f"all subjects have done all trials\nnext: ./rig analyze {folder} --out {folder / 'report'}")
+    return 0
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """How a session runs: who pushes, and on which graph."""
+
+    pacing: str
+    compose: bool
+    namespace: str = "rig"
+    #: Of the page at which a person pushes.
+    port: int | None = None
+    #: The virtual subject, trial by trial; none: the scenario's own user, if it is not a person.
+    user: Callable[[PlannedTrial], UserConfig] | None = None
+
+
+def _session(protocol: Protocol, subject: str, folder: Path, setting: _Setting) -> int:
     with ExitStack() as stack:
-        session = stack.enter_context(Session(protocol, options.subject, folder))
-        files = _write_parameters(options, protocol, folder)
-        print(f"{protocol.name}, {options.subject}, in {folder}", flush=True)
-        if options.display:
-            print(f"driver    http://127.0.0.1:{options.port}/\noperator  http://127.0.0.1:{options.port}/operator")
-        environment = {"RIG_NAMESPACE": options.namespace, **scheduling(options.pacing)}
-        environment |= {"RIG_USER": "display"} if options.display else {}
-        command = graph_command(options.compose, files, options.namespace)
+        session = stack.enter_context(Session(protocol, subject, folder))
+        print(f"{protocol.name}, {subject}, in {folder}", flush=True)
+        if session.progress.next() is None:
+            return 0
+        files = _write_parameters(setting, protocol, subject, folder)
+        if setting.port is not None:
+            print(f"driver    http://127.0.0.1:{setting.port}/\noperator  http://127.0.0.1:{setting.port}/operator")
+        environment = {"RIG_NAMESPACE": setting.namespace, **scheduling(setting.pacing)}
+        environment |= {"RIG_USER": "display"} if setting.port is not None else {}
+        command = graph_command(setting.compose, files, setting.namespace)
         try:
             graph = stack.enter_context(GraphProcess(command, folder / "graph.log", environment))
-            code = _lead(session, graph, options)
+            return _lead(session, graph, setting)
         except KeyboardInterrupt:
             print("\nthe session stops here; the same command goes on with this trial", file=sys.stderr)
             return 130
-    if code == 0:
-        print(f"{options.subject} has done all trials\nnext: ./rig analyze {folder} --out {folder / 'report'}")
-    return code
 
 
-def _write_parameters(options: argparse.Namespace, protocol: Protocol, folder: Path) -> list[Path]:
-    overrides = {"pacing": options.pacing, "duration": protocol.study.duration}
-    checked = scenario.load(protocol.study.scenario, overrides, person=options.display)
+def _write_parameters(setting: _Setting, protocol: Protocol, subject: str, folder: Path) -> list[Path]:
+    overrides = {"pacing": setting.pacing, "duration": protocol.study.duration}
+    person = setting.port is not None
+    checked = scenario.load(protocol.study.scenario, overrides, person=person)
     if checked.display is not None:
         # The conductor alone starts trials.
-        checked.display.update(port=options.port, driver_starts=False)
+        checked.display.update(port=setting.port, driver_starts=False)
+    if setting.user is not None:
+        # Of the trials that follow only the skill is another one.
+        user = setting.user(protocol.plan(subject)[0])
+        checked = replace(checked, scenario=replace(checked.scenario, user=user))
+        science.check(checked.scenario)
     run = {
         "/**/task_sim": {
             "scenario": checked.scenario.name,
             "configuration_hash": checked.digest(),
-            "required_nodes": ["display" if options.display else "user_sim", *_NODES],
+            "required_nodes": ["display" if person else "user_sim", *_NODES],
             "autostart": False,
             # With a person, a trial waits until somebody drives.
-            "ready_timeout": 0.0 if options.display else _READY_LIMIT,
+            "ready_timeout": 0.0 if person else _READY_LIMIT,
         },
         "/**/recorder": {
             "uri": str(folder / "bags"),
@@ -80,7 +128,7 @@ def _write_parameters(options: argparse.Namespace, protocol: Protocol, folder: P
     return [folder / "scenario.yaml", folder / "run.yaml"]
 
 
-def _lead(session: Session, graph: GraphProcess, options: argparse.Namespace) -> int:
+def _lead(session: Session, graph: GraphProcess, setting: _Setting) -> int:
     # Imported while the nodes start: it takes about as long as they do.
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -95,7 +143,14 @@ def _lead(session: Session, graph: GraphProcess, options: argparse.Namespace) ->
     line = Line()
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = ConductorNode(session, wait_for_person=options.display, namespace=options.namespace, context=context)
+    user = setting.user
+    node = ConductorNode(
+        session,
+        wait_for_person=setting.port is not None,
+        skill=(lambda trial: user(trial).skill) if user is not None else None,
+        namespace=setting.namespace,
+        context=context,
+    )
     executor = make_executor(context)
     executor.add_node(node)
     abort = node.create_client(AbortTrial, topics.ABORT_SERVICE)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -95,6 +96,14 @@ class Cohort:
             noise_sd=c.noise_sd, noise_hold=c.noise_hold,
         )  # fmt: skip
 
+    def users(self, protocol: Protocol, subject: str) -> Callable[[PlannedTrial], UserConfig]:
+        """Who stands in a subject's place, trial by trial: practice is that of the trials before it in the plan."""
+        own, practice, before = self.subject(subject), 0.0, dict[int, float]()
+        for planned in protocol.plan(subject):
+            before[planned.position] = practice
+            practice += 1.0 if planned.mode == "off" else self.config.filtered_practice
+        return lambda trial: self.user(own, before[trial.position], trial.seed)
+
 
 def load_cohort(name: str | os.PathLike[str]) -> Cohort:
     """From a path, or a name under ``config/cohorts``.
@@ -116,14 +125,13 @@ def jobs(protocol: Protocol, cohort: Cohort) -> list[Job]:
     """
     result = []
     for name in protocol.subjects:
-        subject, practice = cohort.subject(name), 0.0
+        user_of = cohort.users(protocol, name)
         for trial in protocol.plan(name):
-            user = cohort.user(subject, practice, trial.seed)
+            user = user_of(trial)
             scenario = replace(protocol.scenario(trial), user=user)
             if not result:
                 science.check(scenario)
             result.append(Job(trial.name, scenario, trial.seed, {**labels(trial), "skill": user.skill}))
-            practice += 1.0 if trial.mode == "off" else cohort.config.filtered_practice
     return result
 
 

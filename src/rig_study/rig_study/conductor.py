@@ -41,10 +41,18 @@ class ConductorNode(Node):
     ----------
     session: open; the conductor writes into it, and leaves closing to its owner.
     wait_for_person: before each trial wait for ``conductor/resume``, as after a pause.
+    skill: of the simulated user in each trial, where a virtual subject is led through the session.
     kwargs: of ``rclpy.node.Node``.
     """
 
-    def __init__(self, session: Session, *, wait_for_person: bool = False, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        session: Session,
+        *,
+        wait_for_person: bool = False,
+        skill: Callable[[PlannedTrial], float] | None = None,
+        **kwargs: Any,
+    ) -> None:
         super().__init__("conductor", **kwargs)
         self.session = session
         self.trial: PlannedTrial | None = None
@@ -52,6 +60,7 @@ class ConductorNode(Node):
         self.doing = "waiting for the graph"
         self.over = False
         self._waits = wait_for_person
+        self._skill = skill
         self._paused = False
         self._aborts = 0
         self._state = TrialState()
@@ -66,6 +75,7 @@ class ConductorNode(Node):
             self.create_subscription(topic.type, topic.name, take, topic.qos)
         self._start = self.create_client(StartTrial, topics.START_SERVICE)
         self._set = self.create_client(SetParameters, "mig_filter/set_parameters")
+        self._set_user = self.create_client(SetParameters, "user_sim/set_parameters") if skill else None
         for name, serve in (
             (topics.PAUSE_SERVICE, self._pause),
             (topics.RESUME_SERVICE, self._resume),
@@ -130,7 +140,8 @@ class ConductorNode(Node):
     # -- steps: each is called again until it puts another in its place ----------------------------------------------
 
     def _next(self) -> None:
-        if not (self._start.service_is_ready() and self._set.service_is_ready() and self._recorder.uri):
+        clients = [client for client in (self._start, self._set, self._set_user) if client is not None]
+        if not (all(client.service_is_ready() for client in clients) and self._recorder.uri):
             return
         self.trial = trial = self.session.progress.next()
         if trial is None:
@@ -156,14 +167,29 @@ class ConductorNode(Node):
         self._set.call_async(request).add_done_callback(self._on_mode)
 
     def _on_mode(self, future: Any) -> None:
-        result = future.result().results[0]
-        trial = self.trial
+        result, trial = future.result().results[0], self.trial
         assert trial is not None
         if not result.successful:
             self._failed(f"the filter refuses mode {trial.mode}: {result.reason}")
             return
+        if self._set_user is None or self._skill is None:
+            self._begin(trial)
+            return
+        skill = self._skill(trial)
+        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=skill)
+        request = SetParameters.Request(parameters=[Parameter(name="skill", value=value)])
+        self._set_user.call_async(request).add_done_callback(lambda future: self._on_skill(future, trial, skill))
+
+    def _on_skill(self, future: Any, trial: PlannedTrial, skill: float) -> None:
+        result = future.result().results[0]
+        if not result.successful:
+            self._failed(f"the simulated user refuses skill {skill:g}: {result.reason}")
+            return
+        self._begin(trial, skill=skill)
+
+    def _begin(self, trial: PlannedTrial, **noted: Any) -> None:
         self.doing, self._before, self._ended = "starting", self._recorder.uri, 0.0
-        self.session.start(trial)
+        self.session.start(trial, **noted)
         request = StartTrial.Request(
             subject=trial.subject,
             group=trial.group,

@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import pandas as pd
 
+from rig_study import study_figures
 from rig_study.analyze_cli import analyze
-from rig_study.cohort import load_cohort
+from rig_study.cohort import jobs, load_cohort
+from rig_study.figure_style import save
 from rig_study.null_cohorts import false_positives
 from rig_study.paper_rows import paper_rows
 from rig_study.power import changes, power
@@ -24,6 +26,7 @@ from rig_study.statistics_anova import cells
 from rig_study.study_cli import simulate
 from rig_study.sweep import load_sweep, montecarlo_jobs, sweep_jobs
 from rig_study.tables import subjects
+from shared_control.trial import run_trial
 
 __all__ = ["MEASUREMENTS", "Measurement", "Options"]
 
@@ -48,10 +51,10 @@ class Options:
         """``count``, or fewer for a first look."""
         return count if self.trials is None else min(count, self.trials)
 
-    def run(self, jobs: list[Job], name: str) -> pd.DataFrame:
-        """The jobs' table, with its report beside it in a folder of this name."""
+    def run(self, trials: list[Job], name: str) -> pd.DataFrame:
+        """Their table, with its report beside it in a folder of this name."""
         folder = self.folder / name
-        write_table(run(jobs, folder, workers=self.workers, report=progress(name)), folder / "trials.parquet")
+        write_table(run(trials, folder, workers=self.workers, report=progress(name)), folder / "trials.parquet")
         analyze([folder], folder / "report")
         return pd.read_parquet(folder / "trials.parquet")
 
@@ -82,11 +85,16 @@ def _null(options: Options) -> list[Row]:
     ]  # fmt: skip
 
 
-def _power(options: Options) -> list[Row]:
-    """From the study's own subjects: it is measured before."""
-    if not (options.folder / "study" / "trials.parquet").exists():
+def _trials_of_study(options: Options) -> pd.DataFrame:
+    """Of the study, which is there if all is measured in order."""
+    table = options.folder / "study" / "trials.parquet"
+    if not table.exists():
         _study(options)
-    pilot = cells(subjects(pd.read_parquet(options.folder / "study" / "trials.parquet")), "rms_error", ("set1", "set3"))
+    return pd.read_parquet(table)
+
+
+def _power(options: Options) -> list[Row]:
+    pilot = cells(subjects(_trials_of_study(options)), "rms_error", ("set1", "set3"))
     rows = power(changes(pilot), [28, 56, 84], effect=0.8)
     said = "; ".join(f"{row.subjects} subjects {row.rate:.2f} ({row.low:.2f} to {row.high:.2f})" for row in rows)
     return [("power of group x set, RMS error, d = 0.8", "reported", said)]
@@ -108,14 +116,25 @@ def _judges(options: Options) -> list[Row]:
     return rows
 
 
+def _example(options: Options) -> list[Row]:
+    """The first trial under the filter that succeeded."""
+    trials = _trials_of_study(options)
+    filtered = trials[trials["mode"] != "off"]
+    name = filtered.sort_values("success", ascending=False, kind="stable")["name"].iloc[0]
+    job = next(job for job in jobs(load_protocol("paper"), load_cohort("learners")) if job.name == name)
+    shown = study_figures.Example.headless(run_trial(job.scenario, job.seed), job.scenario.loop.make_task())
+    save(study_figures.example(shown), options.folder / "example" / "example_trial")
+    return []
+
+
 def _convergence(options: Options) -> list[Row]:
     options.run(montecarlo_jobs(_CONVERGENCE, options.at_most(100), 0, 5), "convergence")
     return []
 
 
 def _slip(user: str, options: Options) -> list[Row]:
-    jobs = [job for scenario in _SLIP[user] for job in montecarlo_jobs(scenario, 1, 0, 5)]
-    options.run(jobs, f"slip {user}".replace(" ", "_"))
+    trials = [job for scenario in _SLIP[user] for job in montecarlo_jobs(scenario, 1, 0, 5)]
+    options.run(trials, f"slip {user}".replace(" ", "_"))
     return []
 
 
@@ -125,6 +144,7 @@ MEASUREMENTS: dict[str, Measurement] = {
     "study/null cohorts": Measurement("statistics", _null),
     "study/power": Measurement("statistics", _power),
     "study/judges": Measurement("judges", _judges),
+    "figures/example trial": Measurement("", _example),
     "figures/convergence": Measurement("", _convergence),
     **{f"figures/slip {user}": Measurement("", lambda options, user=user: _slip(user, options)) for user in _SLIP},
 }

@@ -115,9 +115,9 @@ class Session:
     ) -> None:
         self.close()
 
-    def start(self, trial: PlannedTrial) -> None:
-        """To be called before the trial begins."""
-        self._write("started", trial, seed=trial.seed, mode=trial.mode)
+    def start(self, trial: PlannedTrial, **more: Any) -> None:
+        """To be called before the trial begins; ``more`` is noted with it."""
+        self._write("started", trial, seed=trial.seed, mode=trial.mode, **more)
 
     def finish(self, trial: PlannedTrial, bag: str) -> None:
         """It ran to its end, and its bag is closed."""

@@ -47,9 +47,14 @@ def parser() -> argparse.ArgumentParser:
     status.add_argument("protocol", help="path, or a name under config/protocols")
     status.add_argument("--out", type=Path, help="folder of the study's sessions (under runs/)")
 
-    simulate = commands.add_parser("simulate", help="every trial of a protocol with virtual subjects, headless")
+    simulate = commands.add_parser("simulate", help="every trial of a protocol with virtual subjects")
     simulate.add_argument("protocol", help="path, or a name under config/protocols")
     simulate.add_argument("--cohort", default="learners", help="path, or a name under config/cohorts (%(default)s)")
+    simulate.add_argument(
+        "--graph",
+        action="store_true",
+        help="through the real graph, in lockstep, subject after subject: the same trials, each in a bag",
+    )
     add_run_options(simulate)
 
     power = commands.add_parser(
@@ -85,6 +90,8 @@ def main(argv: Sequence[str], conduct: Callable[[argparse.Namespace], int] | Non
     """
     options = parser().parse_args(argv)
     commands = {"plan": _plan, "run": conduct or _no_graph, "status": _status, "simulate": _simulate, "power": _power}
+    if options.command == "simulate" and options.graph:
+        commands["simulate"] = conduct or _no_graph
     try:
         return commands[options.command](options)
     except (ParameterError, StatisticsError) as error:
@@ -114,7 +121,10 @@ def _no_graph(_: argparse.Namespace) -> int:
 
 def sessions(options: argparse.Namespace, protocol: Protocol) -> Path:
     """Where the sessions of a study are, a folder for each subject."""
-    return options.out or Path("runs") / f"study_{protocol.file.path.stem}"
+    name = f"study_{protocol.file.path.stem}"
+    if options.command == "simulate":
+        name += f"_{Path(options.cohort).stem}" + ("_graph" if options.graph else "")
+    return options.out or Path("runs") / name
 
 
 def _status(options: argparse.Namespace) -> int:
@@ -133,7 +143,7 @@ def _status(options: argparse.Namespace) -> int:
 
 def _simulate(options: argparse.Namespace) -> int:
     protocol, cohort = load_protocol(options.protocol), cohorts.load_cohort(options.cohort)
-    folder = options.out or Path("runs") / f"study_{protocol.file.path.stem}_{cohort.file.path.stem}"
+    folder = sessions(options, protocol)
     rows = simulate(protocol, cohort, folder, workers=options.workers, scheduler=options.scheduler)
     print(f"{rows} trials of {len(protocol.subjects)} subjects: {folder / 'trials.parquet'}")
     print(f"next: ./rig analyze {folder} --out {folder / 'report'}")

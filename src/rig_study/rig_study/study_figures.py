@@ -2,20 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from rig_study.figure_style import LINES, SUCCESS, VERDICT_COLOURS, WIDTH, axes, label, plain, row, spans, wrapped
 from rig_study.recorded import RecordedTrial
 from rig_study.study_statistics import MEASURES
+from shared_control import tasks
+from shared_control.tasks.task import Task
+from shared_control.trial import TrialResult
 
-__all__ = ["comparison", "convergence", "example", "group_bars", "rejection_and_skill", "running", "stars"]
+__all__ = [
+    "Example",
+    "comparison",
+    "convergence",
+    "example",
+    "group_bars",
+    "named",
+    "rejection_and_skill",
+    "running",
+    "stars",
+]
 
+#: Names and units of what is no measure of the study's statistics.
+_OTHERS = {
+    "success": ("success rate", ""),
+    "pra": ("PRA", ""),
+    "fell": ("share that fell", ""),
+    "override": ("override", ""),
+    "mean_speed": ("mean speed", "m/s"),
+}
 #: A group is told by its grey as well as by its colour, and by its hatch.
 _GROUPS = ((LINES[1], ""), ("#F0E442", "//"), (LINES[4], "xx"), (LINES[2], ".."))
+
+
+def named(measure: str) -> str:
+    """A measure as a reader has it, with its unit."""
+    name, unit = {**MEASURES, **_OTHERS}.get(measure, (measure.replace("_", " "), ""))
+    return f"{name} [{unit}]" if unit else name
 
 
 def stars(p: float | None) -> str:
@@ -77,31 +106,36 @@ def rejection_and_skill(trials: pd.DataFrame, first: str) -> Figure | None:
 
 
 def convergence(trials: pd.DataFrame) -> Figure | None:
-    """The first two states of every trial over time, with median and quartiles; for tables with traces."""
+    """Two states of every trial over time, with median and quartiles; for tables with traces."""
     names = [column for column in trials.columns if column.startswith("trace.")]
     if not names:
         return None
     shown = [names[0], names[2]] if len(names) > 2 else names
+    task = tasks.get(str(trials["task"].iloc[0]))
+    units = dict(zip((f"trace.{name}" for name in task.state_names), task.state_units, strict=True))
     figure, panels = axes(len(shown), 2.2)
     step = float(trials["trace_step"].iloc[0])
     for ax, name in zip(panels, shown, strict=True):
         runs = [np.asarray(values, dtype=float) for values in trials[name]]
-        angle = name == "trace.theta"
-        for values in runs:
-            ax.plot(
-                step * np.arange(len(values)), wrapped(values) if angle else values, color="#666666", lw=0.5, alpha=0.35
-            )
+        angle = units[name] == "rad"
+        for number, values in enumerate(runs):
+            shown_values, name_once = wrapped(values) if angle else values, "a trial" if number == 0 else None
+            time = step * np.arange(len(values))
+            ax.plot(time, shown_values, color="#666666", lw=0.5, alpha=0.35, label=name_once)
         length = min(map(len, runs))
         table = np.array([values[:length] for values in runs])
         if angle:
             # Of an angle the magnitude says how far it is from upright.
             table = np.abs(np.arctan2(np.sin(table), np.cos(table)))
+            ax.set_yticks([-np.pi, 0.0, np.pi], ["-\u03c0", "0", "\u03c0"])
         low, middle, high = np.percentile(table, [25, 50, 75], axis=0)
         time = step * np.arange(length)
-        ax.fill_between(time, low, high, color=LINES[1], alpha=0.35, lw=0)
-        ax.plot(time, middle, color=LINES[1], lw=2)
-        label(ax, name.removeprefix("trace."), "rad" if angle else "")
+        ax.fill_between(time, low, high, color=LINES[1], alpha=0.35, lw=0, label="quartiles")
+        ax.plot(time, middle, color=LINES[1], lw=2, label="median")
+        ax.margins(x=0.0)
+        label(ax, name.removeprefix("trace."), units[name])
     panels[-1].set_xlabel("trial time [s]")
+    figure.legend(*panels[-1].get_legend_handles_labels(), loc="outside upper right", ncols=3, frameon=False)
     return figure
 
 
@@ -152,7 +186,9 @@ def running(trials: pd.DataFrame, by: list[str]) -> Figure | None:
 def comparison(trials: pd.DataFrame, by: list[str], measures: list[str]) -> Figure:
     """Mean and standard error of measures for each condition; the conditions ran the same seeds."""
     keys = trials[by].astype(str).agg(", ".join, axis=1)
-    order = list(dict.fromkeys(keys))
+    # Those that share the first parameter stand together.
+    first = list(dict.fromkeys(trials[by[0]].astype(str)))
+    order = sorted(dict.fromkeys(keys), key=lambda key: first.index(key.split(", ")[0]))
     figure = Figure(figsize=(WIDTH, 1.0 + 0.32 * len(order)), layout="constrained")
     panels = figure.subplots(1, len(measures), sharey=True, squeeze=False)[0]
     for ax, measure in zip(panels, measures, strict=True):
@@ -161,25 +197,62 @@ def comparison(trials: pd.DataFrame, by: list[str], measures: list[str]) -> Figu
         its = trials.assign(**{measure: trials[measure].astype(float)}).groupby(keys)[measure]
         mean, error = its.mean().reindex(order), its.sem().reindex(order).fillna(0.0)
         ax.barh(range(len(order)), mean, xerr=error, color=LINES[1], edgecolor="#222222", lw=0.8, capsize=3, height=0.7)
-        name, unit = MEASURES.get(measure, (measure.replace("_", " "), ""))
-        ax.set_xlabel(f"{name} [{unit}]" if unit else name)
+        ax.set_xlabel(named(measure))
     panels[0].set_yticks(range(len(order)), order)
     panels[0].invert_yaxis()
     return figure
 
 
-def example(trial: RecordedTrial) -> Figure:
+@dataclass(frozen=True)
+class Example:
+    """What is drawn of one trial, recorded or headless: N ticks."""
+
+    time: np.ndarray  # (N,) [s]
+    control: np.ndarray  # (N,) the user's first
+    accepted: np.ndarray  # (N,) bool
+    state: np.ndarray  # (N,) the first
+    success: np.ndarray  # (N,) bool: in the success region
+    names: tuple[str, str]  # of control and state
+    units: tuple[str, str]
+
+    @classmethod
+    def recorded(cls, trial: RecordedTrial) -> Example:
+        """From a bag."""
+        known = trial.trial
+        return cls(
+            trial.time, trial.user_control[:, 0], trial.verdict == 0, trial.states[:, 0], trial.in_success_region,
+            (known.control_names[0], known.state_names[0]), (known.control_units[0], known.state_units[0]),
+        )  # fmt: skip
+
+    @classmethod
+    def headless(cls, trial: TrialResult, task: Task) -> Example:
+        """From a run without the graph."""
+        inside = np.array([task.success_region(x) for x in trial.states[:-1]])
+        return cls(
+            trial.time, trial.user_control[:, 0], trial.verdict == 0, trial.states[:-1, 0], inside,
+            (task.control_names[0], task.state_names[0]), (task.control_units[0], task.state_units[0]),
+        )  # fmt: skip
+
+
+def example(trial: Example) -> Figure:
     """The user's control with what was allowed marked, and the first state with the success region in green."""
     figure, (top, bottom) = axes(2, 2.2)
-    control = trial.user_control[:, 0]
-    allowed = np.where(trial.verdict == 0, control, np.nan)
-    top.step(trial.time, control, where="post", color="#888888", lw=0.5, label="user")
-    top.step(trial.time, allowed, where="post", color=VERDICT_COLOURS[1], lw=0.9, label="allowed")
-    label(top, trial.trial.control_names[0], trial.trial.control_units[0])
-    top.legend(loc="upper right", ncols=2, frameon=False)
-    for first, last in spans(trial.in_success_region):
-        bottom.axvspan(trial.time[first], trial.time[last - 1] + trial.sample_time, color=SUCCESS, lw=0)
-    bottom.plot(trial.time, trial.states[:, 0], color=LINES[0], lw=1)
-    label(bottom, trial.trial.state_names[0], trial.trial.state_units[0])
+    top.step(trial.time, trial.control, where="post", color="#999999", lw=0.7, label="user, not allowed")
+    allowed = np.where(trial.accepted, trial.control, np.nan)
+    top.step(trial.time, allowed, where="post", color=VERDICT_COLOURS[2], lw=1.6, label="user, allowed")
+    label(top, trial.names[0], trial.units[0])
+    sample = trial.time[1] - trial.time[0] if len(trial.time) > 1 else 0.0
+    for first, last in spans(trial.success):
+        bottom.axvspan(trial.time[first], trial.time[last - 1] + sample, color=SUCCESS, lw=0)
+    angle = trial.units[1] == "rad"
+    bottom.plot(trial.time, wrapped(trial.state) if angle else trial.state, color=LINES[0], lw=1.2)
+    if angle:
+        bottom.set_ylim(-3.4, 3.4)
+        bottom.set_yticks([-np.pi, 0.0, np.pi], ["-\u03c0", "0", "\u03c0"])
+    label(bottom, trial.names[1], trial.units[1])
     bottom.set_xlabel("trial time [s]")
+    bottom.margins(x=0.0)
+    handles, labels = top.get_legend_handles_labels()
+    handles.append(Patch(color=SUCCESS))
+    figure.legend(handles, [*labels, "in the success region"], loc="outside upper right", ncols=3, frameon=False)
     return figure

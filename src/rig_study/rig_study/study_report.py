@@ -26,6 +26,7 @@ _STYLE = """
  th, td { padding: .15rem 1.4rem .15rem 0; text-align: right; border-bottom: 1px solid #ddd;
           white-space: nowrap }
  th:first-child, td:first-child { text-align: left; white-space: normal } th { color: #555; font-weight: 500 }
+ .wide { overflow-x: auto }
  figure { margin: 0 0 1rem } svg { max-width: 100%; height: auto } figcaption, .note { color: #555; max-width: 60rem }
 """
 
@@ -49,7 +50,8 @@ def write(gathered: Gathered, statistics: Mapping[str, Any], out: Path) -> Path:
     title = "Study" if study else "Trials"
     page = out / "report.html"
     page.write_text(
-        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>\n'
+        f'<!doctype html>\n<html lang="en"><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width"><title>{title}</title><style>{_STYLE}</style>\n'
         f"<h1>{title}</h1>\n" + "\n".join(parts) + "\n</html>\n",
         encoding="utf-8",
     )
@@ -95,14 +97,15 @@ def _conditions(trials: pd.DataFrame, out: Path) -> Iterator[str]:
     if by and measures:
         chosen = trials.assign(**{name: trials[name].astype(float) for name in measures})
         summary = chosen.groupby(by, sort=False)[measures].agg(["mean", "sem"])
-        head = (*by, *(name.replace("_", " ") for name in measures))
+        head = (*by, *(figures.named(name) for name in measures))
         rows = [
             (*(index if isinstance(index, tuple) else (index,)), *(f"{values[m, 'mean']:.3f}" for m in measures))
             for index, values in summary.iterrows()
         ]
         yield "<h2>Means</h2>" + _table(head, rows)
         caption = "Means over trials with standard errors; the same seeds in each condition."
-        yield _figure(figures.comparison(trials, by, measures[:3]), out, "comparison", "Conditions", caption)
+        if len(rows) > 1:
+            yield _figure(figures.comparison(trials, by, measures[:3]), out, "comparison", "Conditions", caption)
     figure = figures.running(trials, by) if by else None
     if figure is not None:
         caption = "The first trial of each condition. Broad and orange: the filter overrode the user; dashed: the fall."
@@ -121,7 +124,7 @@ def _example(gathered: Gathered) -> tuple[str, Figure] | None:
         return None
     best = recorded[(recorded.get("success", False) == True) & (recorded["mode"] != "off")]  # noqa: E712
     name = str((best if len(best) else recorded)["name"].iloc[0])
-    return name, figures.example(load(gathered.bags[name]))
+    return name, figures.example(figures.Example.recorded(load(gathered.bags[name])))
 
 
 def _figure(figure: Figure, out: Path, name: str, title: str, caption: str) -> str:
@@ -132,7 +135,7 @@ def _figure(figure: Figure, out: Path, name: str, title: str, caption: str) -> s
 def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     top = "".join(f"<th>{html.escape(str(cell))}" for cell in head)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}" for cell in row) for row in rows)
-    return f"<table><tr>{top}{body}</table>"
+    return f"<div class='wide'><table><tr>{top}{body}</table></div>"
 
 
 def _means(means: pd.DataFrame) -> str:
@@ -170,18 +173,16 @@ def _anova(analyses: Mapping[str, Any]) -> str:
 
 
 def _tests(tests: Mapping[str, Any]) -> str:
-    notes = _not_done(tests)
     rows = []
     for name, row in _done(tests):
-        if row.get("normality", [None, None])[1] is not None:
-            w, p = row["normality"]
-            says = "speak against" if p < 0.05 else "do not speak against"
-            notes.append(f"{name}: the changes {says} normality (Shapiro-Wilk W = {w:.3f}, p = {p:.3g})")
         change = f"{row['difference']:.3f} ({row['low']:.3f} to {row['high']:.3f})"
         d = f"{row['d']:.2f} ({row['d_low']:.2f} to {row['d_high']:.2f})" if row["d_low"] is not None else "-"
-        rows.append((name, change, f"{row['t']:.3f}", f"{row['df']:.1f}", _p(row["p"]), _p(row.get("p_holm")), d))
-    head = ("test", "difference (95 %)", "t", "df", "p", "p, Holm", "d (95 %)")
-    return (_table(head, rows) if rows else "") + _notes(notes)
+        normal = "; ".join(_p(p) for _, p in row["normality"])
+        t = f"{row['t']:.3f}", f"{row['df']:.1f}", _p(row["p"]), _p(row.get("p_holm"))
+        rows.append((name, change, *t, d, normal))
+    head = ("test", "difference (95 %)", "t", "df", "p", "p, Holm", "d (95 %)", "normality, p")
+    remark = _notes(["normality: Shapiro-Wilk, of the changes or of each sample; a small p speaks against it"])
+    return (_table(head, rows) + remark if rows else "") + _notes(_not_done(tests))
 
 
 def _done(tests: Mapping[str, Any]) -> list[tuple[str, Any]]:

@@ -128,8 +128,7 @@ def _paired(means: pd.DataFrame, measure: str, sets: tuple[str, str]) -> dict[st
             if lacking:
                 raise StatisticsError(f"{measure}: {', '.join(lacking)} lack set {sets[0]} or {sets[1]}")
             after, before = wide[sets[1]].to_numpy(), wide[sets[0]].to_numpy()
-            shapiro = normality(after - before)
-            return {**paired_t(after, before)._asdict(), "normality": list(shapiro)}
+            return {**paired_t(after, before)._asdict(), "normality": [normality(after - before)]}
 
         result[f"{measure}, {group}, {sets[1]} less {sets[0]}"] = _try(test)
     return result
@@ -143,7 +142,10 @@ def _two_sample(table: pd.DataFrame, measure: str) -> dict[str, dict[str, Any]]:
     for set_, its in table.groupby("set"):
         samples = [its[its["group"] == group][measure].to_numpy(dtype=float) for group in groups]
         result[f"{measure}, {set_}, {groups[1]} less {groups[0]}"] = _try(
-            lambda samples=samples: two_sample_t(samples[1], samples[0])._asdict()
+            lambda samples=samples: {
+                **two_sample_t(samples[1], samples[0])._asdict(),
+                "normality": [normality(samples[1]), normality(samples[0])],
+            }
         )
     return result
 

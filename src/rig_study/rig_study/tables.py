@@ -78,7 +78,9 @@ def read(paths: Sequence[Path]) -> Gathered:
             try:
                 row = _row(bag, name)
             except (BagError, TrialError, ScenarioError) as error:
-                result.left_out.append((name, str(error)))
+                # A report says the same wherever the bags are.
+                why = str(error).replace(str(bag.resolve()), name).replace(str(bag), name)
+                result.left_out.append((name, why))
                 continue
             rows.append(row)
             result.bags[name] = bag

@@ -22,8 +22,9 @@ class UserSimNode(RigNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("user_sim", *CONFIGURATIONS, **kwargs)
-        loop = self.parameters.get(LoopConfig)
-        self._agent = make_user(Scenario(loop=loop, user=self.parameters.get(UserConfig)), loop.seed)
+        self._loop = loop = self.parameters.get(LoopConfig)
+        self._user = self.parameters.get(UserConfig)
+        self._agent = make_user(Scenario(loop=loop, user=self._user), loop.seed)
         self._realtime = loop.pacing == "realtime"
         task = loop.make_task()
         self._state = topics.TASK_STATE.wire(state=task.n, control=task.m)
@@ -35,6 +36,11 @@ class UserSimNode(RigNode):
         self._agent.warm_up()
 
     def arm(self, trial: TrialState) -> None:
+        user = self.parameters.get(UserConfig)
+        if user != self._user:
+            self._user = user
+            self._agent = make_user(Scenario(loop=self._loop, user=user), trial.seed)
+            self._agent.warm_up()
         self._agent.reset(trial.seed)
 
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:

@@ -48,7 +48,11 @@ class UserConfig:
     preset: str = parameter(
         "", "What an mpc, graded or human user wants; empty: the task's first.", choices=("", *presets.names())
     )
-    skill: float = parameter(1.0, "Share of purpose in graded and human users; the rest is noise.", ge=0.0, le=1.0)
+    # As a person's, it is another one in each trial of a session.
+    skill: float = parameter(
+        1.0, "Share of purpose in graded and human users; the rest is noise. A change is for the next trial.",
+        ge=0.0, le=1.0, live=True,
+    )  # fmt: skip
     delay: float = parameter(0.0, "From seeing to acting, for a graded user.", unit="s", ge=0.0, le=2.0)
     replan: int = parameter(
         1, "Ticks from plan to plan of an mpc, graded or human user, who follows the last in between.", ge=1, le=1000
