@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from hand_written import write
 from made_up_study import cohort
+from scipy import stats
 
 from mig_interfaces.msg import TrialState
 from rig_study import study_cli, study_statistics
@@ -32,6 +33,11 @@ def test_a_planted_effect_is_found_and_a_null_is_not() -> None:
     assert correlation["n"] == 18 * 6
     assert correlation["high"] < 0.0
     assert planted["paired"]["rms_error, training, set3 less set1"]["df"] == 17
+    table = subjects(cohort(0.06)).query("set == 'set3'")
+    by_group = [table[table["group"] == group]["rms_error"] for group in ("training", "control")]
+    assert planted["two_sample"]["rms_error, set3, training less control"]["normality"] == [
+        (pytest.approx(shapiro.statistic), pytest.approx(shapiro.pvalue)) for shapiro in map(stats.shapiro, by_group)
+    ]
     assert planted["two_sample_of_trials"]["rms_error, set3, training less control"]["n"] == (18 * 6, 10 * 6)
 
 
@@ -88,6 +94,7 @@ def test_bags_that_cannot_be_used_are_listed(tmp_path: Path, capsys: pytest.Capt
     assert reasons["S01_set2_002_a9"] == "done again as S01_set2_002_a10"
     assert "aborted, on request" in reasons["aborted"]
     assert "100 of 400 ticks" in reasons["short"]
+    assert not any(str(tmp_path) in reason for reason in reasons.values())
     assert "left out: cut" in capsys.readouterr().err
     page = (tmp_path / "out" / "report.html").read_text()
     assert all(name in page for name in reasons)
@@ -109,8 +116,6 @@ def test_power_grows_and_the_null_is_found_at_the_level() -> None:
     assert null.sizes == (10, 18)
     assert null.low <= 0.05 <= null.high
     # d = 0.8 with 10 and 18 subjects: power of the two-sided t test, from the noncentral t.
-    from scipy import stats
-
     delta, limit = 0.8 * np.sqrt(10 * 18 / 28), stats.t.ppf(0.975, 26)
     exact = stats.nct.sf(limit, 26, delta) + stats.nct.cdf(-limit, 26, delta)
     # The pilot's changes are not normal: near, not equal.

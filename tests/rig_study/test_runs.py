@@ -109,6 +109,32 @@ def test_what_a_result_depends_on_is_in_its_key(tmp_path: Path) -> None:
     assert run([job], tmp_path, workers=1) == first
 
 
+def test_a_result_of_other_code_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (job,) = montecarlo_jobs_short(1)
+    run([job], tmp_path, workers=1)
+    before = job.key
+    monkeypatch.setattr(runs, "science", lambda: "as it was edited")
+    assert job.key != before
+    run([job], tmp_path, workers=1)
+    assert len((tmp_path / "journal.jsonl").read_bytes().splitlines()) == 2
+
+
+def test_a_list_of_grids_is_one_after_the_other(tmp_path: Path) -> None:
+    path = tmp_path / "sweep.yaml"
+    grids = [{"mig_filter.mode": ["off"]}, {"mig_filter.mode": ["training"], "mig_filter.judge": ["mig", "random"]}]
+    path.write_text(yaml.safe_dump({**FILE, "parameters": grids}))
+    points = [dict(changes) for changes, _ in load_sweep(path).points]
+    assert points == [
+        {"mig_filter.mode": "off"},
+        {"mig_filter.mode": "training", "mig_filter.judge": "mig"},
+        {"mig_filter.mode": "training", "mig_filter.judge": "random"},
+    ]
+    for empty in ([], [{}], {}):
+        path.write_text(yaml.safe_dump({**FILE, "parameters": empty}))
+        with pytest.raises(StudyError, match="at least one is needed"):
+            load_sweep(path)
+
+
 def test_a_trace_is_the_state_now_and_then(tmp_path: Path) -> None:
     (job,) = montecarlo_jobs_short(1)
     (row,) = run([job], tmp_path, workers=1)

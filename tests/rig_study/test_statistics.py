@@ -26,6 +26,13 @@ SLEEP_2 = [1.9, 0.8, 1.1, 0.1, -0.1, 4.4, 5.5, 1.6, 4.6, 3.4]
 WINER = [[0, 0, 5, 3], [3, 1, 5, 4], [4, 3, 6, 2], [4, 2, 7, 8], [5, 4, 6, 6], [7, 5, 8, 9]]
 # Shapiro and Wilk, Biometrika 52, 1965: weights of eleven men.
 WEIGHTS = [148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236]
+# Maxwell and Delaney, Designing Experiments and Analyzing Data, 2nd ed. 2004, table 11.5: McCarthy scores of twelve
+# children at 30, 36, 42 and 48 months.
+MCCARTHY = [
+    [108, 96, 110, 122], [103, 117, 127, 133], [96, 107, 106, 107], [84, 85, 92, 99],
+    [118, 125, 125, 116], [110, 107, 96, 91], [129, 128, 123, 128], [90, 84, 101, 113],
+    [84, 104, 100, 88], [96, 100, 103, 105], [105, 114, 105, 112], [113, 117, 132, 130],
+]  # fmt: skip
 
 
 def frame(values: Any, groups: list[str]) -> pd.DataFrame:
@@ -143,6 +150,15 @@ def test_the_interaction_of_two_sets_is_the_t_of_the_changes() -> None:
     change = data.values[:, 1] - data.values[:, 0]
     split = [change[data.groups == name] for name in ("control", "training")]
     assert mixed_anova(data).effect("interaction").f == pytest.approx(stats.ttest_ind(*split).statistic ** 2, rel=1e-10)
+
+
+def test_sphericity_of_maxwell_and_delaney() -> None:
+    # Two groups of the same children have, pooled, the covariance of one; neither W nor epsilon knows its scale.
+    twice = cells(frame(MCCARTHY * 2, ["a"] * 12 + ["b"] * 12), "y", [f"set{j}" for j in range(4)])
+    found = mixed_anova(twice)
+    assert found.epsilon == pytest.approx(0.609, abs=1e-3)
+    assert found.sphericity[0] == pytest.approx(0.243, abs=1e-3)
+    assert found.sphericity[1] < 0.05
 
 
 def test_sphericity_against_another_library() -> None:
