@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from datetime import datetime, tzinfo
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,19 @@ def test_a_missing_scenario_names_the_nearest(capsys: pytest.CaptureFixture[str]
 def test_a_bad_value_on_the_command_line_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert up.main(["--duration", "-3", "--out", str(tmp_path / "run")]) == 2
     assert "duration: -3.0" in capsys.readouterr().err
+
+
+def test_runs_of_the_same_second_do_not_share_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Clock(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Clock:
+            return cls(2026, 1, 2, 3, 4, 5)
+
+    monkeypatch.setattr(up, "datetime", Clock)
+    monkeypatch.chdir(tmp_path)
+    folders = [up._make_folder(None, "trial") for _ in range(3)]
+    assert [folder.name for folder in folders] == [f"trial_2026-01-02_03-04-05{end}" for end in ("", "_2", "_3")]
+    assert all(folder.is_dir() for folder in folders)
 
 
 def test_a_bag_is_never_overwritten(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

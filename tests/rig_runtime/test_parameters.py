@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from rcl_interfaces.msg import ParameterType
-from rclpy.parameter import Parameter
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 from rig_runtime.node import RigNode
 from shared_control.parameters import ParameterError, parameter
@@ -81,3 +84,19 @@ def test_a_bad_change_is_refused_and_changes_nothing(single_graph: Any, name: st
     assert not result.successful
     assert name in result.reason
     assert node.parameters.get(Config) == Config()
+
+
+def test_all_values_come_in_one_answer_and_a_dump_of_them_loads_again(single_graph: Any, tmp_path: Path) -> None:
+    node = make(single_graph)
+    declared = [field.name for field in fields(Config)]
+    answer = single_graph.call(GetParameters, "/rig/node/get_parameters", GetParameters.Request(names=declared))
+    values = dict(zip(declared, map(parameter_value_to_python, answer.values), strict=True))
+    assert values == {"gain": 1.5, "count": 3, "mode": "a", "weights": [1.0, 2.0], "nothing": []}
+    assert answer.values[-1].type == ParameterType.PARAMETER_DOUBLE_ARRAY
+    assert not node.set_parameters([Parameter("nothing", value=[1.0])])[0].successful
+
+    dump = tmp_path / "dump.yaml"
+    dump.write_text(yaml.dump({"/**": {"ros__parameters": values}}))
+    single_graph.remove(node)
+    again = single_graph.make(lambda **kwargs: RigNode("node", Config, **kwargs), params_file=dump)
+    assert again.parameters.get(Config) == Config()

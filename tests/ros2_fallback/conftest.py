@@ -16,6 +16,7 @@ from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool
@@ -89,6 +90,7 @@ class Rig:
         )
         self.node.declare_parameter("filter.mode", "off")
         self.node.declare_parameter("filter.weights", [1.0, 2.5])
+        self.node.declare_parameter("unset", Parameter.Type.DOUBLE)
 
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.latched = self.node.create_publisher(String, "latched", latched)

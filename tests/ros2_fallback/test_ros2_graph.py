@@ -148,6 +148,8 @@ def test_param_read(ros2: Ros2) -> None:
     dump = ros2("param", "dump", "/rig/demo").out
     parameters = yaml.safe_load(dump)["/rig/demo"]["ros__parameters"]
     assert parameters["filter"] == {"mode": "off", "weights": [1.0, 2.5]}
+    assert parameters["gain"] == 1.5
+    assert "unset" not in parameters
     assert ros2("param", "describe", "/rig/demo", "gain").out == (
         "Parameter name: gain\n  Type: double\n  Description: how much\n"
         "  Constraints:\n    Min value: 0.0\n    Max value: 3.0\n"

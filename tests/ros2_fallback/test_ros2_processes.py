@@ -8,6 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
 
 pytestmark = pytest.mark.usefixtures("rig")
 
@@ -34,6 +36,19 @@ def test_echo_ends_cleanly(signum: signal.Signals, ros2_process: Start) -> None:
     process.send(signum)
     code, _, err = process.finish()
     assert (code, err) == (signum, "")
+
+
+def test_echo_gets_what_a_publisher_that_comes_last_has_kept(rig: Any, ros2_process: Start) -> None:
+    # Somebody listens already, so the topic's type is known before anybody is seen to publish.
+    listener = rig.node.create_subscription(String, "late", lambda _message: None, 10)
+    process = ros2_process("topic", "echo", "--once", "/rig/late")
+    assert rig.node.wait_for_node(f"/_ros2cli_{process.pid}", timeout=60.0)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = rig.node.create_publisher(String, "late", latched)
+    publisher.publish(String(data="kept"))
+    assert process.finish() == (0, "data: kept\n---\n", "")
+    rig.node.destroy_publisher(publisher)
+    rig.node.destroy_subscription(listener)
 
 
 def test_waiting_ends_cleanly(ros2_process: Start) -> None:

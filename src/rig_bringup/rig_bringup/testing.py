@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -31,6 +32,9 @@ def main(argv: Sequence[str]) -> int:
     # Two at a time: the live graphs, one after the other, and beside them all that needs none (`tests/conftest.py`).
     pytest = [sys.executable, "-m", "pytest", *(argv or ["-n", "2"])]
     code = subprocess.run(pytest, cwd=root, check=False).returncode
+    if code < 0:
+        print(f"error: pytest was ended by {signal.Signals(-code).name} before it could sum up", file=sys.stderr)
+        return 128 - code
     if failed and code == 0:
         print(f"error: tests pass, but not: {', '.join(failed)} (see above)", file=sys.stderr)
     return code or int(bool(failed))

@@ -154,12 +154,26 @@ def _invitation(display: dict[str, Any], arguments: argparse.Namespace) -> str:
 def _make_folder(given: Path | None, name: str) -> Path:
     out = given or Path.cwd() / "runs" / f"{name}_{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
     try:
+        if given is None:
+            out = _make_new(out)
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ScenarioError(f"--out {out}: cannot be made: {error.strerror}") from error
     if (out / "bag").exists():
         raise ScenarioError(f"--out {out}: holds a bag already, and no bag is ever overwritten; name another folder")
     return out.resolve()
+
+
+def _make_new(folder: Path) -> Path:
+    """Make a folder that was not there, numbered where the name is taken: two runs may begin in the same second."""
+    made, number = folder, 1
+    while True:
+        try:
+            made.mkdir(parents=True)
+            return made
+        except FileExistsError:
+            number += 1
+            made = folder.with_name(f"{folder.name}_{number}")
 
 
 def _write_parameters(out: Path, bag: Path, checked: Checked) -> list[Path]:

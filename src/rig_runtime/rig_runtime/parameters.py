@@ -7,11 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterType, SetParametersResult
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    ParameterUninitializedException,
-)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -73,6 +69,22 @@ def descriptor(declaration: Declaration) -> ParameterDescriptor:
     return message
 
 
+def _declare_empty(node: Node, declaration: Declaration) -> Any:
+    """Declare an array whose default is empty; return its value, which an override may have given.
+
+    rclpy takes an empty list for one of bytes, so the type comes first, then the value, then what forbids a change.
+    Without a value the parameter would empty the answer to every request for all values (`ros2 param dump`).
+    """
+    kind = _PARAMETER_TYPES[declaration.kind]
+    described = descriptor(declaration)
+    described.read_only = False
+    node.declare_parameter(declaration.name, kind, described)
+    if node.get_parameter_or(declaration.name).value is None:
+        node.set_parameters([Parameter(declaration.name, kind, [])])
+    node.set_descriptor(declaration.name, descriptor(declaration))
+    return node.get_parameter(declaration.name).value
+
+
 class NodeParameters:
     """The parameters of a node, declared from its configuration dataclasses.
 
@@ -105,21 +117,19 @@ class NodeParameters:
 
     def _declare(self, node: Node, declaration: Declaration, where: str) -> Any:
         default: Any = list(declaration.default) if declaration.is_array else declaration.default
-        if declaration.is_array and not default:
-            # rclpy takes an empty list for a byte array, so an empty default is declared by its type alone.
-            default = _PARAMETER_TYPES[declaration.kind]
         try:
-            value = node.declare_parameter(declaration.name, default, descriptor(declaration)).value
+            if declaration.is_array and not default:
+                value = _declare_empty(node, declaration)
+            else:
+                value = node.declare_parameter(declaration.name, default, descriptor(declaration)).value
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             given = node._parameter_overrides.get(declaration.name)  # noqa: SLF001
             shown = f" = {given.value!r}" if given is not None else ""
             raise ParameterError(
                 f"{where}: {declaration.name}{shown} is not allowed; it must be {declaration.allowed()}"
             ) from error
-        except ParameterUninitializedException:
-            value = ()
         try:
-            return declaration.check(() if value is None else value)
+            return declaration.check(value)
         except ParameterError as error:
             raise ParameterError(f"{where}: {error}") from None
 

@@ -199,8 +199,11 @@ def _tell(result: Any, success: str, failure: str) -> Outcome:
 
 def _dump(args: argparse.Namespace, parameters: _Parameters) -> Outcome:
     names = parameters.names()
+    values = parameters.values(names) if names else []
+    # One parameter without a value empties the whole answer: then each is asked for alone, and that one left out.
+    found = zip(names, values, strict=True) if values else ((n, v) for n in names for v in parameters.values([n]))
     tree: dict[str, Any] = {}
-    for name, value in zip(names, parameters.values(names) if names else [], strict=True):
+    for name, value in found:
         branch = tree
         *folders, leaf = name.split(".")
         for folder in folders:

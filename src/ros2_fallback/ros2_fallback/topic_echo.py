@@ -75,8 +75,10 @@ def run(args: argparse.Namespace) -> Outcome:
 
     with Graph(args) as graph:
         topic = graph.topic_name(args.topic_name)
+        # Not only somebody who listens: what is subscribed without its publishers in sight asks for too little of them,
+        # and never gets what they have kept for late comers.
+        graph.discover(lambda: bool(graph.publishers(topic)), quiet=QUIET_TOPIC)
         if args.message_type is None:
-            graph.discover(lambda: graph.topic_type(topic) is not None, quiet=QUIET_TOPIC)
             name = graph.topic_type(topic)
             if name is None:
                 print(f"WARNING: topic [{args.topic_name}] does not appear to be published yet")
@@ -84,7 +86,6 @@ def run(args: argparse.Namespace) -> Outcome:
             message_type = message_class(name)
         else:
             message_type = message_class(args.message_type)
-            graph.discover(lambda: bool(graph.publishers(topic)), quiet=QUIET_TOPIC)
         if qos.is_given(args):
             profile = qos.profile_from_arguments(args)
         else:
