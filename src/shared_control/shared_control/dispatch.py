@@ -20,9 +20,9 @@ from numba.extending import overload
 from shared_control import cost, kernels_cache, tuples
 from shared_control.tuples import Vector
 
-__all__ = ["compiled", "effort", "flow", "guard", "guard_gradient", "in_mode", "is_hybrid", "jit", "linearise", "mode"]
-__all__ += ["next_mode", "partials", "pullback", "replaced_by", "running", "running_gradient", "terminal"]
-__all__ += ["terminal_gradient"]
+__all__ = ["bound", "compiled", "effort", "flow", "guard", "guard_gradient", "in_mode", "is_hybrid", "jit"]
+__all__ += ["jit_inlined", "linearise", "mode", "next_mode", "partials", "pullback", "replaced_by", "running"]
+__all__ += ["running_gradient", "terminal", "terminal_gradient"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -42,14 +42,43 @@ def _usable_cache() -> str | None:
 _CACHE = _usable_cache()
 
 
+#: Left to itself the compiler calls the pieces of a step, and each call passes tuples through memory.
+_INLINED = {**_OPTIONS, "forceinline": True}
+
+
 def jit(function: F) -> F:
     """Compile at the first call for each combination of types, and keep the result on disk where that is possible."""
+    return _compile_with(_OPTIONS, function)
+
+
+def jit_inlined(function: F) -> F:
+    """As :func:`jit`, for what runs at every step of a horizon: it becomes part of the kernels that call it."""
+    return _compile_with(_INLINED, function)
+
+
+def _compile_with(options: dict[str, Any], function: F) -> F:
     before = numba.config.CACHE_DIR
     try:
         numba.config.CACHE_DIR = _CACHE or before
-        return cast(F, numba.njit(cache=_CACHE is not None, **_OPTIONS)(function))
+        return cast(F, numba.njit(cache=_CACHE is not None, **options)(function))
     finally:
         numba.config.CACHE_DIR = before
+
+
+def bound(kernel: F) -> F:
+    """A kernel for the types of the arguments that it is called with first, which must be those of every call.
+
+    Looking at the types of all arguments at each call takes longer than handing them over.
+    """
+    entry: Callable[..., Any] | None = None
+
+    def call(*arguments: Any) -> Any:
+        nonlocal entry
+        if entry is None:
+            entry = cast(Any, kernel).compile(tuple(map(numba.typeof, arguments)))
+        return entry(*arguments)
+
+    return cast(F, call)
 
 
 def compiled(function: Any) -> int:
@@ -149,7 +178,7 @@ def _by_type(stub: Callable[..., Any]) -> Callable[..., Any]:
 
 #: ``replaced_by(stub)(find)``: in a kernel, what ``find`` returns for the types of the arguments stands for ``stub``.
 #: Not strict: the implementations carry annotations of their own, which are none of the compiler's business.
-replaced_by = functools.partial(overload, jit_options=_OPTIONS, strict=False)
+replaced_by = functools.partial(overload, jit_options=_INLINED, strict=False)
 
 
 def _register() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from shared_control import hybrid, rk4
-from shared_control.dispatch import is_hybrid, jit, replaced_by
+from shared_control.dispatch import bound, is_hybrid, jit, replaced_by
 from shared_control.tasks.task import Array, Task
 from shared_control.tuples import Vector, take, unit
 
@@ -104,6 +104,7 @@ class Stepper:
         self._like_u = (0.0,) * task.m
         self._h = float(sample_time)
         self._u = np.zeros(task.m)
+        self._step = bound(_step_array)
 
     def advance(self, x: Array, u: Array, task_mode: int | None = None) -> int:
         """x <- Phi(x, u), in place; ``x`` is a contiguous array (n,), ``u`` (m,). Returns the task's mode after it.
@@ -112,7 +113,7 @@ class Stepper:
         """
         self._u[:] = u
         mode = self._task.mode(x) if task_mode is None else task_mode
-        new: int = _step_array(self._p, mode, self._like_x, self._like_u, x, self._u, self._h)
+        new: int = self._step(self._p, mode, self._like_x, self._like_u, x, self._u, self._h)
         return new
 
     def jacobians(self, x: Array, u: Array, task_mode: int | None = None) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ import numpy as np
 
 from shared_control.controllers.rollout_kernels import rollout
 from shared_control.cost import QuadraticCost, errors
-from shared_control.dispatch import jit, running_gradient, terminal_gradient
+from shared_control.dispatch import bound, jit, jit_inlined, running_gradient, terminal_gradient
 from shared_control.integrate import step_linearised, step_pullback, store_size, stride
 from shared_control.parameters import ParameterError
 from shared_control.tasks.task import Array, Task
@@ -45,7 +45,7 @@ ALONG = ("nominal", "user")
 KINK = 1e-9
 
 
-@jit
+@jit_inlined
 def _forward(
     p: Any, c: Any, mode: int, x0: Vector, us: Array, length: int, h: float, steps: int, xs: Array, ds: Array
 ) -> bool:
@@ -163,6 +163,7 @@ class Criterion:
         self._x, self._us = np.zeros(task.n), np.zeros((self._steps, task.m))
         self._xs = np.zeros((self._steps + 1, task.n))
         self._ds = np.zeros(store_size(task, self._steps))
+        self._slope = bound(_slope)
 
     def __call__(self, x: Array, u_user: Array, task_mode: int | None = None, then: Array | None = None) -> float:
         """Criterion [unit of the cost] of a user's control (m,) at a state (n,); not finite if the numbers overflow.
@@ -178,7 +179,9 @@ class Criterion:
             length = min(1 + len(then), self._steps)
             self._us[1:length] = then[: length - 1]
         mode = self._task.mode(self._x) if task_mode is None else task_mode
-        return _slope(self._p, self._c, mode, self._x, self._us, length, self._along_user, self._h, self._xs, self._ds)
+        return self._slope(
+            *(self._p, self._c, mode, self._x, self._us, length, self._along_user, self._h, self._xs, self._ds)
+        )
 
 
 class CostOfNothing:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from shared_control.dispatch import flow, jit, linearise, partials, pullback
+from shared_control.dispatch import flow, jit, jit_inlined, linearise, partials, pullback
 from shared_control.tasks.task import Array
 from shared_control.tuples import Vector, axpy, dot, take, zeros
 
@@ -35,7 +35,7 @@ def step(p: Any, x: Vector, u: Vector, h: float) -> Vector:
     return axpy(h / 6.0, axpy(2.0, k2, axpy(2.0, k3, axpy(1.0, k1, k4))), x)
 
 
-@jit
+@jit_inlined
 def step_linearised(p: Any, x: Vector, u: Vector, h: float, store: Array, at: int) -> Vector:
     """Phi(x, u); the partial derivatives at the four stages go to ``store[at:]``, one after the other."""
     k1, d1 = linearise(p, x, u)
@@ -51,7 +51,7 @@ def step_linearised(p: Any, x: Vector, u: Vector, h: float, store: Array, at: in
     return axpy(h / 6.0, axpy(2.0, k2, axpy(2.0, k3, axpy(1.0, k1, k4))), x)
 
 
-@jit
+@jit_inlined
 def _stages(
     p: Any, store: Array, at: int, w: Vector, h: float
 ) -> tuple[Vector, Vector, Vector, Vector, Vector]:  # fmt: skip
@@ -65,7 +65,7 @@ def _stages(
     return x1, x2, x3, x4, axpy(1.0, u1, axpy(1.0, u2, axpy(1.0, u3, u4)))
 
 
-@jit
+@jit_inlined
 def step_pullback(p: Any, store: Array, at: int, u: Vector, w: Vector, h: float) -> tuple[Vector, Vector]:
     """(w^T dPhi/dx, w^T dPhi/du), from what :func:`step_linearised` stored."""
     x1, x2, x3, x4, wu = _stages(p, store, at, w, h)

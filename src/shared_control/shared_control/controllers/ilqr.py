@@ -18,6 +18,7 @@ import numpy as np
 from shared_control.controllers.ilqr_kernels import search
 from shared_control.controllers.receding import Receding
 from shared_control.cost import QuadraticCost
+from shared_control.dispatch import bound
 from shared_control.integrate import store_size
 from shared_control.tasks.task import Task
 
@@ -31,9 +32,10 @@ class Ilqr(Receding):
         super().__init__(task, cost, **options)
         self._store = np.zeros(store_size(task, 1))
         self._ks, self._gains = np.zeros((self._steps, task.m)), np.zeros((self._steps, task.m, task.n))
+        self._kernel = bound(search)
 
     def _search(self) -> tuple[float, int, bool]:
-        found: tuple[float, int, bool] = search(
+        found: tuple[float, int, bool] = self._kernel(
             self._p, self._c, self._x, self._us, self._limits, self._h, self._iterations, self._tolerance,
             self._xs, self._us_new, self._xs_new, self._store, self._ks, self._gains,
         )  # fmt: skip

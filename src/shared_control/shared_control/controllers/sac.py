@@ -19,6 +19,7 @@ import numpy as np
 from shared_control.controllers.receding import Receding
 from shared_control.controllers.sac_kernels import search
 from shared_control.cost import QuadraticCost
+from shared_control.dispatch import bound
 from shared_control.integrate import store_size
 from shared_control.parameters import ParameterError
 from shared_control.tasks.task import Task
@@ -40,9 +41,10 @@ class Sac(Receding):
         self._gamma, self._tries = float(gamma), int(tries)
         self._store = np.zeros(store_size(task, 1))
         self._wanted = np.zeros_like(self._us)
+        self._kernel = bound(search)
 
     def _search(self) -> tuple[float, int, bool]:
-        found: tuple[float, int, bool] = search(
+        found: tuple[float, int, bool] = self._kernel(
             self._p, self._c, self._x, self._us, self._limits, self._h, self._iterations, self._tolerance,
             self._gamma, self._tries, self._xs, self._us_new, self._xs_new, self._store, self._wanted,
         )  # fmt: skip
