@@ -32,6 +32,7 @@ MEASUREMENTS = {
     "reader": ("bag:rows", "reading and checking a bag, against rosbags"),
     "lockstep.composed": ("lockstep:composed", "real-time factor of ./rig up in one process, recorded"),
     "lockstep.processes": ("lockstep:processes", "the same in separate processes"),
+    "display": ("display:rows", "a person's page: pointer to wrench, state to drawn, what it costs the loop"),
     "startup": ("startup:rows", "time to a ready node and a running graph, and their memory"),
 }
 

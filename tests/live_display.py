@@ -1,14 +1,11 @@
-"""The whole graph with a person's page in the place of the user, in a thread, and a browser: for tests."""
+"""The whole graph with a person's page in the place of the user, in a thread: for tests with a browser."""
 
 from __future__ import annotations
 
 import gc
-import os
-import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,42 +16,19 @@ from mig_interfaces.msg import TrialState
 from rig_bringup.compose import graph as graph_of
 from rig_runtime import topics
 
-#: What to say where there is no browser.
-NO_BROWSER = "no Chromium on PATH; get it with: apt install chromium"
-
-
-def browser_path() -> str | None:
-    """The system's Chromium."""
-    return shutil.which("chromium") or shutil.which("chromium-browser")
-
-
-@contextmanager
-def chromium() -> Iterator[Any]:
-    """A headless browser, driven by Playwright."""
-    from playwright.sync_api import sync_playwright
-
-    # The ROS wheels' libraries are none of the browser's.
-    environment = {key: value for key, value in os.environ.items() if key != "LD_LIBRARY_PATH"}
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=browser_path(), args=["--no-sandbox", "--disable-gpu"], env=environment, timeout=240_000
-        )
-        yield browser
-        browser.close()
-
 
 class LiveRig:
     """The nodes on one executor, served by a thread. Context manager."""
 
     def __init__(self, folder: Path, **sections: dict[str, Any]) -> None:
         content = {
-            "/**": {"pacing": "realtime", "duration": 3600.0},
+            # A machine that stalls must not look like a hand or a node that has fallen silent.
+            "/**": {"pacing": "realtime", "duration": 3600.0, "command_timeout": 5.0},
             "/**/mig_filter": {"mode": "off"},
             "/**/task_sim": {
                 "autostart": False,
                 "required_nodes": ["display", "mig_filter", "admittance_sim"],
             },
-            # A machine that stalls must not look like a hand that has fallen silent.
             "/**/display": {"port": 0, "stale_after": 5.0, "countdown": 0.1},
         }
         for section, values in sections.items():
@@ -65,6 +39,7 @@ class LiveRig:
         self.trials: list[TrialState] = self._graph.collect(topics.TRIAL_STATE)
         self.wrenches: list[Any] = self._graph.collect(topics.WRENCH)
         self.states: list[Any] = self._graph.collect(topics.TASK_STATE)
+        self.decisions: list[Any] = self._graph.collect(topics.DECISION)
         nodes = [self._graph.make(factory, params_file=file) for factory in graph_of(record=False, person=True)]
         self.display: Any = nodes[0]
         # What is loaded by now need not be looked through again each time that a node is armed.
@@ -88,7 +63,7 @@ class LiveRig:
         return float(self.wrenches[-1].wrench.force.x) if self.wrenches else 0.0
 
     @staticmethod
-    def until(condition: Callable[[], bool], page: Any, limit: float = 120.0) -> None:
+    def until(condition: Callable[[], bool], page: Any, limit: float = 60.0) -> None:
         """Wait for a condition while the browser's page goes on."""
         end = time.monotonic() + limit
         while not condition():

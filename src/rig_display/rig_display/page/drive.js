@@ -50,12 +50,20 @@ link.addEventListener("closed", ({ detail }) => {
   hand.driving = false;
   show(detail);
 });
+link.addEventListener("stopping", () => show());
 
 function keepTime(row) {
   const inside = row[3] & 1;
   if (!inside) held = { since: null, time: 0 };
   else if (held.since === null) held = { since: row[1], time: 0 };
   else held.time = row[1] - held.since;
+}
+
+// What stands over the picture while an emergency stop is on its way.
+function onItsWay() {
+  const lost = "Not delivered: the link to the rig is lost, and without it the hand pushes nothing. "
+    + "The stop is sent as soon as the link is back.";
+  return { title: "Emergency stop", text: link.open ? "Sent; the rig has not confirmed it yet." : lost };
 }
 
 // What stands over the picture: what to do next.
@@ -98,7 +106,8 @@ $("act").onclick = () => act();
 
 function show(closed = "") {
   const ready = status !== null && task !== null;
-  const now = ready ? next() : { title: "Connecting", text: closed || "The rig does not answer yet." };
+  const connecting = { title: "Connecting", text: closed || "The rig does not answer yet." };
+  const now = link.stopping ? onItsWay() : ready ? next() : connecting;
   $("title").textContent = now.title;
   if (now.text !== $("text").dataset.from) {
     $("text").dataset.from = $("text").textContent = now.text;
@@ -107,7 +116,8 @@ function show(closed = "") {
   $("count").textContent = now.count ?? "";
   $("act").hidden = !now.act;
   if (now.act) [$("act").textContent, act] = now.act;
-  $("veil").classList.toggle("stopped", Boolean(ready && (status.hand.stopped || status.faults.length)));
+  const halted = link.stopping || (ready && (status.hand.stopped || status.faults.length));
+  $("veil").classList.toggle("stopped", Boolean(halted));
   $("leave").hidden = !hand.driving;
   if (!ready) return;
   $("where").textContent = where(status.trial);
@@ -121,9 +131,8 @@ function show(closed = "") {
 for (const kind of ["direct", "spring"]) $(kind).onclick = () => ((hand.kind = kind), show());
 $("feedback").onclick = () => link.say("feedback", { on: !status?.feedback });
 $("leave").onclick = () => link.say("leave");
-const stop = () => link.say("stop");
-$("stop").onclick = stop;
-onStopKey(stop);
+$("stop").onclick = () => link.stop();
+onStopKey(() => link.stop());
 
 function frame(now) {
   requestAnimationFrame(frame);

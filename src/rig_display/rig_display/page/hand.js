@@ -16,7 +16,7 @@ export class Hand {
     this.task = null;
     this.kind = "direct";
     this.driving = false;
-    this.here = true; // visible and in focus
+    this.here = !document.hidden && document.hasFocus();
     this.pressed = null; // { id, from, to } on the element
     this.keys = new Set();
     this.event = null; // ms, the newest event that has not been sent
@@ -34,9 +34,16 @@ export class Hand {
     addEventListener("keyup", (event) => this.key(event, false));
     addEventListener("blur", () => this.drop("out of focus"));
     addEventListener("pagehide", () => this.drop("leaving"));
-    addEventListener("focus", () => (this.here = !document.hidden));
-    document.addEventListener("visibilitychange", () => (document.hidden ? this.drop("hidden") : (this.here = true)));
+    addEventListener("focus", () => this.look());
+    document.addEventListener("visibilitychange", () => this.look());
     setInterval(() => this.beat(), PERIOD);
+  }
+
+  // Shown does not mean in use: another window beside this one may have the focus.
+  look() {
+    if (document.hidden) this.drop("hidden");
+    else if (!document.hasFocus()) this.drop("out of focus");
+    else this.here = true;
   }
 
   // The page is not looked at: nothing is pushed, and the rig hears why at once.

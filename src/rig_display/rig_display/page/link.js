@@ -1,12 +1,15 @@
 // The socket to the rig: comes back by itself, knows the rig's clock, measures what the page shows.
 
 const SYNC_PERIOD = 1000; // ms
+const SILENCE = 3000; // ms without a word until a link counts as lost; the rig speaks five times a second
+const RETRY = 500; // ms
 
 export class Link extends EventTarget {
   constructor(role) {
     super();
     this.role = role;
     this.open = false;
+    this.stopping = false; // an emergency stop was pressed, and the rig has not said that it holds
     this.roundTrip = NaN; // ms, the best of the last ones
     this.offset = 0; // ms, the rig's clock minus performance.now()
     this.drawn = []; // ms, state at the rig to drawn
@@ -18,26 +21,43 @@ export class Link extends EventTarget {
 
   connect() {
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+    this.heard = performance.now();
     this.socket = new WebSocket(`${scheme}//${location.host}/socket?as=${this.role}`);
     this.socket.onopen = () => {
       this.open = true;
       this.trips = [];
       this.say("sync", { t: performance.now() });
       this.dispatchEvent(new Event("open"));
+      if (this.stopping) this.say("stop");
     };
     this.socket.onmessage = (event) => this.hear(JSON.parse(event.data), performance.now());
-    this.socket.onclose = (event) => {
-      this.open = false;
-      this.dispatchEvent(new CustomEvent("closed", { detail: event.reason }));
-      setTimeout(() => this.connect(), 500);
-    };
+    this.socket.onclose = (event) => this.lose(event.reason);
+  }
+
+  // The link is gone, or is as good as gone; the socket may not know that yet.
+  lose(reason) {
+    this.socket.onopen = this.socket.onmessage = this.socket.onclose = null;
+    this.socket.close();
+    this.open = false;
+    this.dispatchEvent(new CustomEvent("closed", { detail: reason }));
+    setTimeout(() => this.connect(), RETRY);
+    this.heard = Infinity; // until it is tried again
   }
 
   say(type, fields = {}) {
     if (this.open) this.socket.send(JSON.stringify({ type, ...fields }));
   }
 
+  // Emergency stop. It is said again on every new connection until the rig says that it holds.
+  stop() {
+    this.stopping = true;
+    this.say("stop");
+    this.dispatchEvent(new Event("stopping"));
+  }
+
   hear(message, now) {
+    this.heard = now;
+    if (message.type === "status" && message.hand.stopped) this.stopping = false;
     if (message.type === "sync") {
       // The fastest of the last exchanges says best how the clocks stand.
       this.trips.push({ trip: now - message.t, offset: message.now * 1e-6 - 0.5 * (now + message.t) });
@@ -55,6 +75,7 @@ export class Link extends EventTarget {
   }
 
   measure() {
+    if (performance.now() - this.heard > SILENCE) this.lose("");
     this.say("sync", { t: performance.now() });
     const sorted = this.drawn.sort((a, b) => a - b);
     const at = (share) => Math.max(0, Math.min(sorted[Math.ceil(share * sorted.length) - 1], 60000));

@@ -64,11 +64,14 @@ link.addEventListener("note", ({ detail }) => {
 });
 link.addEventListener("closed", () => {
   status = null;
-  $("how").textContent = "the rig does not answer";
-  $("how").className = "warn";
+  show();
 });
+link.addEventListener("stopping", () => show());
 
 function phase() {
+  const silent = "the rig does not answer";
+  if (link.stopping && !link.open) return [`stop NOT delivered: ${silent}; it is sent as soon as the link is back`, true];
+  if (status === null) return [silent, true];
   const { trial, countdown, hand, faults } = status;
   if (hand.stopped) return [`stopped by ${hand.stopped}`, true];
   if (faults.length) return [`no force: ${faults.join("; ")}`, true];
@@ -84,10 +87,17 @@ const halted = () => Boolean(status?.hand.stopped || status?.faults.length);
 const ms = (values) => (values?.[0] == null ? "–" : `${values[0].toFixed(1)}, ${values[1].toFixed(1)} ms`);
 
 function show() {
-  const { trial, hand, latency, recorder, driver } = status;
   const [text, bad] = phase();
   $("how").textContent = text;
   $("how").className = bad ? "warn" : "quiet";
+  // What is not known any more is not shown, and what would not arrive cannot be pressed; a stop can.
+  for (const each of document.querySelectorAll("aside button, aside input")) each.disabled = status === null;
+  if (status === null) {
+    $("stop").firstChild.textContent = "Stop ";
+    table($("link"), [["rig", "does not answer", true]]);
+    return;
+  }
+  const { trial, hand, latency, recorder, driver } = status;
   $("where").textContent = where(trial);
   $("of").textContent = trial.duration ? `of ${trial.duration.toFixed(0)} s` : "s";
   $("stop").firstChild.textContent = halted() ? "Release " : "Stop ";
@@ -159,8 +169,8 @@ for (const what of ["pause", "resume", "repeat"]) $(what).onclick = () => link.s
 $("abort").onclick = () => link.say("abort", { reason: "aborted by the operator" });
 for (const mode of MODES) $(mode).onclick = () => link.say("mode", { mode });
 $("feedback").onclick = () => link.say("feedback", { on: !status?.feedback });
-$("stop").onclick = () => link.say(halted() ? "release" : "stop");
-onStopKey(() => link.say("stop"));
+$("stop").onclick = () => (halted() ? link.say("release") : link.stop());
+onStopKey(() => link.stop());
 
 let count = 0;
 function frame(now) {

@@ -1,0 +1,281 @@
+"""The person's pages beside the loop: pointer to wrench, state to drawn frame, and what pages cost the loop.
+
+The graph runs in separate processes, recorded, as `./rig up --display` has it; the page is in headless Chromium on the
+same machine, so the loop shares the processors with a browser that draws in software.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import bisect
+import itertools
+import math
+import os
+import socket
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import loop
+from browser import NO_BROWSER, browser_path, chromium
+from geometry_msgs.msg import WrenchStamped
+from live import LIMIT, in_own_domain
+from rows import BenchError, Row, alternate, percentile
+
+from mig_interfaces.msg import TrialState
+from rig_bringup import scenario
+from rig_bringup.graph_process import GraphProcess
+from rig_bringup.monitor import Monitor
+from rig_bringup.up import graph_command, scheduling
+from rig_runtime import topics
+
+#: [s] A trial: about a thousand events of the pointer.
+_DURATION = 10.0
+
+#: Pages of people who only watch.
+_WATCHERS = 10
+
+#: [ms] Two frames of 60 in a second.
+_TWO_FRAMES = 2000 / 60
+
+#: Keeps what the page says of itself: once a second how long states took to the end of the frame that first shows them.
+_KEEP_STATS = """
+window.stats = [];
+const send = WebSocket.prototype.send;
+WebSocket.prototype.send = function (text) {
+  if (text.startsWith('{"type":"stats"')) window.stats.push(JSON.parse(text));
+  return send.call(this, text);
+};
+"""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a trial with a person's page was like."""
+
+    missed: int
+    pointer: tuple[float, float] = (math.nan, math.nan)  # [ms] p50, p99, by the node
+    outside: tuple[float, ...] = ()  # [ms] from the command to the browser to the wrench at another node
+    stats: tuple[dict[str, float], ...] = ()
+
+
+class Watcher:
+    """A node beside the graph, served by a thread: what is the trial doing, when came which wrench."""
+
+    def __init__(self) -> None:
+        self.monitor = Monitor("rig")
+        self.forces: list[tuple[float, float]] = []  # [s], [N] each new one
+        wrench = topics.WRENCH
+        self.monitor._node.create_subscription(wrench.type, wrench.name, self._on_wrench, wrench.qos)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self) -> Watcher:
+        self.monitor.__enter__()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._end.set()
+        self._thread.join(LIMIT)
+        self.monitor.__exit__(*error)
+
+    def _serve(self) -> None:
+        while not self._end.is_set():
+            self.monitor.wait(0.1)
+
+    def _on_wrench(self, wrench: WrenchStamped) -> None:
+        force = wrench.wrench.force.x
+        if not self.forces or self.forces[-1][1] != force:
+            self.forces.append((time.monotonic(), force))
+
+    @property
+    def phase(self) -> int:
+        """Of the trial."""
+        return TrialState.PHASE_IDLE if self.monitor.trial is None else self.monitor.trial.phase
+
+
+def _until(condition: Any, graph: GraphProcess, pause: Any = time.sleep) -> None:
+    end = time.monotonic() + LIMIT
+    while not condition():
+        if graph.exit_code is not None or time.monotonic() > end:
+            raise BenchError(f"the graph did not come so far; it said:\n{graph.last_words()}")
+        pause(0.02)
+
+
+@contextmanager
+def _graph(port: int | None) -> Iterator[tuple[GraphProcess, Watcher]]:
+    """The graph, recorded, with a simulated user or a display on a port."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        person = port is not None
+        files = loop.parameters(folder, record=True, autostart=not person, pacing="realtime", duration=_DURATION)
+        environment = scheduling("realtime")
+        if person:
+            needed = ["display", "mig_filter", "admittance_sim", "recorder"]
+            own = {"/**/task_sim": {"required_nodes": needed}, "/**/display": {"port": port, "countdown": 0.0}}
+            files.append(folder / "person.yaml")
+            files[-1].write_text(scenario.parameter_file(own))
+            environment["RIG_USER"] = "display"
+        command = graph_command(False, files, "rig")
+        with GraphProcess(command, folder / "graph.log", environment) as graph, Watcher() as watcher:
+            yield graph, watcher
+
+
+def _simulated() -> Trial:
+    with _graph(None) as (graph, watcher):
+        _until(lambda: watcher.monitor.over, graph)
+        assert watcher.monitor.trial is not None
+        return Trial(watcher.monitor.trial.missed_deadlines)
+
+
+def _person(browser: Any, watchers: int) -> Trial:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with _graph(port) as (graph, watcher), _page(browser) as page:
+        _until(lambda: _listens(port), graph)
+        with Crowd(port, watchers) if watchers else nullcontext():
+            page.goto(f"http://127.0.0.1:{port}/")
+            page.get_by_role("button", name="Take control").click()
+            page.get_by_role("button", name="Start").click()
+            _until(lambda: watcher.phase >= TrialState.PHASE_RUNNING, graph, lambda s: page.wait_for_timeout(1e3 * s))
+            moves = _drag(page, watcher)
+            _until(lambda: watcher.monitor.over, graph, lambda s: page.wait_for_timeout(1e3 * s))
+            said = watcher.monitor.values["display"]
+            assert watcher.monitor.trial is not None
+            return Trial(
+                watcher.monitor.trial.missed_deadlines,
+                (float(said["pointer to wrench p50 [ms]"]), float(said["pointer to wrench p99 [ms]"])),
+                _arrivals(moves, watcher.forces),
+                tuple(page.evaluate("window.stats")),
+            )
+
+
+@contextmanager
+def _page(browser: Any) -> Iterator[Any]:
+    page = browser.new_page(viewport={"width": 1000, "height": 600})
+    page.set_default_timeout(1e3 * LIMIT)
+    page.add_init_script(_KEEP_STATS)
+    yield page
+    page.close()
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def _drag(page: Any, watcher: Watcher) -> list[tuple[float, float]]:
+    """Drag to and fro until the trial is over; when [s] the browser was told of which force [N]."""
+    box = page.locator("#view").bounding_box()
+    reach = 0.24 * min(box["width"], box["height"])
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    page.mouse.move(x, y)
+    page.mouse.down()
+    moves = []
+    for step in range(10**6):
+        if watcher.monitor.over:
+            break
+        dx = round(0.9 * reach * math.sin(0.05 * step))
+        moves.append((time.monotonic(), 40.0 * dx / reach))
+        page.mouse.move(x + dx, y)
+        page.wait_for_timeout(5)
+    page.mouse.up()
+    return moves
+
+
+def _arrivals(moves: list[tuple[float, float]], forces: list[tuple[float, float]]) -> tuple[float, ...]:
+    """[ms] From each move to the first wrench that has its force; of those that another overtook none."""
+    times = [at for at, _ in forces]
+    found = []
+    for (told, force), (later, _) in itertools.pairwise(moves):
+        for at, seen in forces[bisect.bisect(times, told) :]:
+            if at > later + 0.1:
+                break
+            if math.isclose(seen, force, abs_tol=1e-4):
+                found.append(1e3 * (at - told))
+                break
+    return tuple(found)
+
+
+class Crowd:
+    """Pages that only watch, without a browser. Context manager."""
+
+    def __init__(self, port: int, size: int) -> None:
+        self._address = f"http://127.0.0.1:{port}"
+        self._size = size
+        self._loop = asyncio.new_event_loop()
+        self._there = threading.Barrier(2)
+        self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._watch(),), daemon=True)
+
+    def __enter__(self) -> Crowd:
+        self._thread.start()
+        self._there.wait(LIMIT)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._loop.call_soon_threadsafe(self._end.set)
+        self._thread.join(LIMIT)
+        self._loop.close()
+
+    async def _watch(self) -> None:
+        self._end = asyncio.Event()
+        async with aiohttp.ClientSession() as session:
+            connect = (
+                session.ws_connect(f"{self._address}/socket", headers={"Origin": self._address})
+                for _ in range(self._size)
+            )
+            sockets = await asyncio.gather(*connect)
+            reading = [asyncio.create_task(_read(each)) for each in sockets]
+            self._there.wait(LIMIT)
+            await self._end.wait()
+            for task in reading:
+                task.cancel()
+            await asyncio.gather(*reading, return_exceptions=True)
+
+
+async def _read(page: aiohttp.ClientWebSocketResponse) -> None:
+    async for _ in page:
+        pass
+
+
+def rows(runs: int) -> list[Row]:
+    """Trials with a simulated user, with a driver's page, and with a driver's and ten others, one after the other."""
+    if browser_path() is None:
+        raise BenchError(NO_BROWSER)
+    os.environ.setdefault("RIG_ROOT", str(Path(__file__).resolve().parents[1]))
+    os.environ.update(in_own_domain())
+    with chromium() as browser:
+        without, alone, watched = alternate(
+            runs, _simulated, lambda: _person(browser, 0), lambda: _person(browser, _WATCHERS)
+        )
+    found = []
+    for name, share, index, wanted in (("p50", 0.5, 0, "value < 8"), ("p99", 0.99, 1, "value < 20")):
+        found.append(
+            Row(
+                *(f"display.pointer.{name}", f"pointer event to wrench published, by the node, {name}", "ms"),
+                tuple(trial.pointer[index] for trial in alone),
+                "from the command to the browser to the wrench at another node",
+                tuple(percentile(trial.outside, share) for trial in alone),
+                wanted=wanted,
+            )
+        )
+    for name, key, wanted in (("p50", "drawn50", ""), ("p99", "drawn99", f"value <= {_TWO_FRAMES:.1f}")):
+        values = tuple(statistics.median(each[key] for each in trial.stats) for trial in alone)
+        what = f"state at the display to the end of the frame that shows it, {name} of a second, median"
+        found.append(Row(f"display.drawn.{name}", what, "ms", values, wanted=wanted))
+    frames = tuple(statistics.median(each["fps"] for each in trial.stats) for trial in alone)
+    found.append(Row("display.frames", "frames drawn, headless", "1/s", frames, more_is_better=True))
+    for name, who, trials in (("driver", "a driver's page", alone), ("watched", "a driver's page and ten", watched)):
+        more = tuple(float(trial.missed - base.missed) for trial, base in zip(trials, without, strict=True))
+        what = f"missed deadlines in 10 s at 100 Hz with {who}, more than with a simulated user"
+        found.append(Row(f"display.missed.{name}", what, "ticks", more, wanted="value <= 0"))
+    return found
