@@ -14,6 +14,7 @@ from mig_interfaces.msg import EndEffectorState, TrialState
 from rig_runtime import topics
 from rig_runtime.ticks import LOCKSTEP_EPOCH, to_stamp
 from shared_control.parameters import ParameterError
+from shared_control.scenario import LoopConfig
 
 
 def trial(phase: int, uid: int = 1) -> TrialState:
@@ -26,6 +27,7 @@ class Bench:
     def __init__(self, graph: Any, *parameters: str) -> None:
         self.graph = graph
         self.node = graph.make(AdmittanceSimNode, *parameters)
+        self.mass = LoopConfig().robot_mass
         self.commands = graph.publisher(topics.COMMAND)
         self.trials = graph.publisher(topics.TRIAL_STATE)
         self.out: list[EndEffectorState] = graph.collect(topics.END_EFFECTOR)
@@ -128,6 +130,40 @@ def test_explicit_recovery_admits_nothing_until_it_is_cleared(graph: Any) -> Non
     bench.commands.publish(wrench(41, 5.0))
     graph.until(lambda: len(bench.out) == 42)
     assert bench.out[-1].force.x == 5.0
+
+
+def test_a_command_that_is_not_finite_is_no_force(graph: Any) -> None:
+    bench = Bench(graph)
+    assert bench.push(0, float("nan")).force.x == 0.0
+    after = bench.push(1, 5.0)
+    assert (after.force.x, after.velocity.x) == (5.0, 0.01 * 5.0 / bench.mass)
+    assert bench.node.diagnose()[2]["dropped"] == 1
+
+
+@pytest.mark.parametrize("recovery", ["automatic", "explicit"])
+def test_started_in_the_middle_of_a_trial_with_a_person_it_waits_to_be_cleared(graph: Any, recovery: str) -> None:
+    node = graph.make(AdmittanceSimNode, "pacing:=realtime", f"recovery:={recovery}")
+    commands, trials = graph.publisher(topics.COMMAND), graph.publisher(topics.TRIAL_STATE)
+    out = graph.collect(topics.END_EFFECTOR)
+    graph.until(lambda: commands.get_subscription_count() and all(node.make_report().matched_subscriptions))
+    trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: node.armed_uid == 1)
+    commands.publish(wrench(5, 5.0))
+    graph.until(lambda: bool(out))
+    assert out[0].force.x == (0.0 if recovery == "explicit" else 5.0)
+    if recovery == "explicit":
+        answer = graph.call(Trigger, topics.CLEAR_ROBOT_SERVICE, Trigger.Request())
+        assert answer.message == "cleared: it was started in the middle of a trial"
+
+
+def test_with_a_person_what_waited_while_it_stood_still_itself_is_no_force(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "recovery:=explicit", "command_timeout:=0.3")
+    bench.trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_RUNNING)
+    bench.push(0, 5.0)
+    bench.node._looked -= 1_000_000_000  # its watchdog last looked a second ago
+    assert bench.push(1, 5.0).force.x == 0.0
+    assert bench.node.diagnose()[1].startswith("it stood still itself: no force until")
 
 
 def test_a_bad_parameter_is_refused_by_name(single_graph: Any) -> None:

@@ -10,21 +10,25 @@ from pathlib import Path
 
 from rig_bringup.faults.cli import main
 
-#: One of each kind: a bad wrench, none, too many; a node stopped, killed and started again; the pacemaker; the bag.
-ROWS = ("wrench/nan", "wrench/silent", "wrench/duplicated", "filter/stopped", "filter/killed", "task/killed")
+#: One of each kind that makes the force zero: a wrench that is bad, or none; a node stopped, killed, started again.
+ZERO = ("wrench/nan", "wrench/silent", "filter/stopped", "filter/killed", "task/killed", "person/filter killed")
+
+#: One of each kind that does not: too much; the bag; the clock.
+OTHERS = ("wrench/duplicated", "recorder/killed", "clock/back", "graph/two in one namespace")
 
 
 def test_each_kind_of_fault_is_followed_by_what_must_follow(tmp_path: Path) -> None:
     out = tmp_path / "faults.json"
-    command = [sys.executable, "-m", "rig_bringup", "faults", *ROWS, "recorder/killed", "--untimed", "--out", str(out)]
+    command = [sys.executable, "-m", "rig_bringup", "faults", *ZERO, *OTHERS, "--untimed", "--out", str(out)]
     surroundings = {**os.environ, "ROS_DOMAIN_ID": str(62 + os.getpid() % 30)}
     done = subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=550, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     results = json.loads(out.read_text())
-    assert set(results) == {*ROWS, "recorder/killed"}
-    assert all(
-        result["zero"] for name, result in results.items() if name not in ("wrench/duplicated", "recorder/killed")
-    )
+    bags = {name for name in results if name.endswith(": the bag")}
+    assert bags == {"plain: the bag", "person: the bag", "clock: the bag"}
+    assert set(results) - bags == {*ZERO, *OTHERS}
+    assert not any(result.get("needs") for result in results.values()), "nothing of this needs a right or a tool"
+    assert all(results[name]["zero"] for name in ZERO)
 
 
 def test_what_there_is_no_row_for_is_said(capsys) -> None:

@@ -14,6 +14,7 @@ from rig_runtime import topics
 from rig_runtime.faults import FaultLatch, Silence
 from rig_runtime.node import RigNode
 from rig_runtime.stages import delay_of
+from rig_runtime.ticks import to_nanoseconds
 from shared_control.loop import make_robot
 from shared_control.scenario import AdmittanceConfig, LoopConfig, Scenario
 
@@ -24,8 +25,10 @@ class AdmittanceSimNode(RigNode):
     """`mig_filter/command` in, `admittance/end_effector` out.
 
     In real time, when no command comes for `command_timeout`, the robot goes on under no force, tick by tick, and says
-    so; a command for a tick that has passed this way is dropped. With `recovery: explicit` no force counts from then on
-    until `admittance/clear_fault` is called or a trial begins.
+    so; a command for a tick that has passed this way is dropped. A command that is not finite is no force. With
+    `recovery: explicit` no force counts from either on, nor after this node itself has stood still for
+    `command_timeout` or was started in the middle of a trial, until `admittance/clear_fault` is called or a new trial
+    begins.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -37,6 +40,8 @@ class AdmittanceSimNode(RigNode):
         self._realtime = loop.pacing == "realtime"
         self._silence = Silence(loop.command_timeout)
         self._lost_at = 0
+        self._timeout = to_nanoseconds(loop.command_timeout)
+        self._looked = 0  # [ns] when the watchdog last looked; 0 before it does
         self._latch: FaultLatch[str] = FaultLatch(loop.recovery == "explicit")
         self._zero = np.zeros(3)
         self._command = topics.COMMAND.wire()
@@ -55,6 +60,8 @@ class AdmittanceSimNode(RigNode):
         self._dropped = self._gaps = self._losses = 0
         self._silence.heard()
         self._latch.clear()
+        if trial.phase == TrialState.PHASE_RUNNING:
+            self._latch.hold("it was started in the middle of a trial")
 
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
         level, message = DiagnosticStatus.OK, "moving"
@@ -72,6 +79,7 @@ class AdmittanceSimNode(RigNode):
         return level, message, values
 
     def _watchdog(self) -> None:
+        self._notice_sleep(time.monotonic_ns())
         # Before its first command of a trial the robot stands, and after its last tick it has nothing to follow.
         if self.trial.phase != TrialState.PHASE_RUNNING or not self.ticks_done:
             return
@@ -94,8 +102,16 @@ class AdmittanceSimNode(RigNode):
             )
             self.publish_diagnostics()
 
+    def _notice_sleep(self, now: int) -> None:
+        """What waited while this node stood still is nothing to go on with where a person is at the robot."""
+        if self._looked and now - self._looked > self._timeout and self.trial.phase == TrialState.PHASE_RUNNING:
+            self._latch.hold("it stood still itself")
+        self._looked = now
+
     def _on_command(self, data: bytes) -> None:
         begin = time.monotonic_ns()
+        if self._looked:
+            self._notice_sleep(begin)
         self._silence.heard()
         command = self._command
         command.load(data)
@@ -109,7 +125,12 @@ class AdmittanceSimNode(RigNode):
             self._agent.step(self._zero)
             self.ticks_done += 1
             self._gaps += 1
-        self._move(tick, command["wrench.force"] if self._latch.kept is None else self._zero, begin)
+        force = command["wrench.force"]
+        if not np.isfinite(force).all():
+            self._dropped += 1
+            self._latch.hold("the command is not finite")
+            force = self._zero
+        self._move(tick, force if self._latch.kept is None else self._zero, begin)
 
     def _move(self, tick: int, force: npt.NDArray[np.float64], begin: int = 0) -> None:
         assert self.clock is not None

@@ -115,6 +115,8 @@ class RecorderNode(RigNode):
         """Open a bag; BagError if that cannot be."""
         writer = open_bag(place, self.config.attachments)
         self.path = writer.path
+        # Times of reception count from here: a wall clock that is stepped must not turn them back.
+        self._epoch = time.time_ns() - time.monotonic_ns()
         recording = Recording(
             writer,
             per_tick=self._groups,
@@ -225,14 +227,14 @@ class RecorderNode(RigNode):
         )
 
     def _callback(self, topic: str) -> Callable[[bytes], None]:
-        now = time.time_ns
+        now = time.monotonic_ns
 
         def take(data: bytes) -> None:
             recording = self.recording
             if recording is None:
                 return
             try:
-                recording.receive(recording.streams()[topic], data, now())
+                recording.receive(recording.streams()[topic], data, self._epoch + now())
             except BagError as error:
                 self._fail(error)
 

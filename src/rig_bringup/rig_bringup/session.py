@@ -15,7 +15,7 @@ from pathlib import Path
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.interrupts import Interrupts
-from rig_bringup.up import Line, graph_command, scheduling
+from rig_bringup.up import Line, check_free, graph_command, scheduling
 from rig_study import study_cli
 from rig_study.cohort import load_cohort
 from rig_study.declared import StudyError
@@ -25,6 +25,7 @@ from shared_control import scenario as science
 from shared_control.users import UserConfig
 
 _READY_LIMIT = 60.0  # [s]
+_ENDING_LIMIT = 20.0  # [s]
 _NODES = ("mig_filter", "admittance_sim", "recorder")
 
 
@@ -81,6 +82,8 @@ def _session(protocol: Protocol, subject: str, folder: Path, setting: _Setting) 
         print(f"{protocol.name}, {subject}, in {folder}", flush=True)
         if session.progress.next() is None:
             return 0
+        # The graph of a conductor that was killed takes a moment to end.
+        check_free(setting.namespace, _ENDING_LIMIT)
         files = _write_parameters(setting, protocol, subject, folder)
         if setting.port is not None:
             print(f"driver    http://127.0.0.1:{setting.port}/\noperator  http://127.0.0.1:{setting.port}/operator")

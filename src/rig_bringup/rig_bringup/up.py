@@ -20,6 +20,7 @@ from rig_bringup.graph_process import GraphProcess
 from rig_bringup.interrupts import Interrupts
 from rig_bringup.scenario import Checked, ScenarioError
 from rig_display.parameters import DisplayConfig
+from rig_runtime.claim import Claim, ClaimError
 from shared_control.parameters import ParameterError, build
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ def main(argv: Sequence[str], sampler: Sampler = lambda graph: None) -> int:
     """
     arguments = parser().parse_args(argv)
     try:
+        check_free(arguments.namespace)
         checked, replay = _load(arguments)
         out = _make_folder(arguments.out, checked.scenario.name)
         if replay is not None:
@@ -97,6 +99,27 @@ def main(argv: Sequence[str], sampler: Sampler = lambda graph: None) -> int:
     print(f"{checked.scenario.name}: {loop.duration:g} s, {loop.pacing}, seed {loop.seed}, in {out}", flush=True)
     code = _run(arguments, files, out, loop.pacing, sampler)
     return _finish(bag, out, code, report=not arguments.no_report)
+
+
+def check_free(namespace: str, patience: float = 2.0) -> None:
+    """Whether a graph may be started in a namespace; waits so long [s] for one that is just ending.
+
+    Raises
+    ------
+    ScenarioError: there is one already; theirs and ours would answer each other.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    limit = time.monotonic() + patience
+    while True:
+        try:
+            Claim(int(domain), namespace).close()
+            return
+        except ValueError:
+            raise ScenarioError(f"ROS_DOMAIN_ID={domain}: must be a whole number") from None
+        except ClaimError as error:
+            if time.monotonic() > limit:
+                raise ScenarioError(str(error)) from None
+            time.sleep(0.05)
 
 
 def _load(arguments: argparse.Namespace) -> tuple[Checked, Replay | None]:

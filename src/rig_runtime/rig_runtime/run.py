@@ -30,6 +30,12 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: [s] A finite "for ever": this build of the events executor hangs on an infinite deadline, which overflows in it.
 FOREVER = 1e6
 
+#: [s] A timer's period that no process lives for.
+_NEVER = 1e5
+
+#: [s] How often the wall clock is looked at, [ns] and how much less than before it must show to have been stepped.
+_LOOK, _STEP = 0.01, 1_000_000
+
 NodeFactory = Callable[..., RigNode]
 
 
@@ -142,6 +148,9 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
         for node in nodes:
             node.stop()
 
+    # It never fires; to reset it has the executor look at all of its timers anew.
+    never = nodes[0].create_timer(_NEVER, lambda: None, clock=nodes[0].steady)
+    watch_clock(lambda: executor.create_task(never.reset))
     signals.call(lambda: executor.create_task(stop_all))
     realtime.before_ticks()
     for node in nodes:
@@ -153,6 +162,24 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
         executor.remove_node(node)
     executor.shutdown()
     return max(node.exit_code for node in nodes)
+
+
+def watch_clock(on_step_back: Callable[[], object]) -> None:
+    """Call from a thread of its own, for as long as the process lives, whenever the wall clock has been stepped back.
+
+    Middleware that was built for an old C library waits for a time of the wall clock even where it means a steady one.
+    Stepped back by an hour, such a wait takes an hour longer, and with it every timer: pacemaker and watchdogs.
+    """
+
+    def watch() -> None:
+        ahead = time.time_ns() - time.monotonic_ns()
+        while True:
+            time.sleep(_LOOK)
+            before, ahead = ahead, time.time_ns() - time.monotonic_ns()
+            if ahead < before - _STEP:
+                on_step_back()
+
+    threading.Thread(target=watch, name="clock", daemon=True).start()
 
 
 def wait_until(condition: Callable[[], bool], executor: Executor, limit: float) -> bool:

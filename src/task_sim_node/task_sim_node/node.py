@@ -13,12 +13,14 @@ from std_srvs.srv import Trigger
 from mig_interfaces.msg import TaskState, TrialState
 from mig_interfaces.srv import AbortTrial, StartTrial
 from rig_runtime import topics
+from rig_runtime.claim import Claim, ClaimError
 from rig_runtime.node import RigNode
 from rig_runtime.pacing import Advance, Pacemaker
 from rig_runtime.stages import delay_of
 from rig_runtime.ticks import LOCKSTEP_EPOCH, NANOSECONDS, TickClock, from_stamp, to_nanoseconds, to_stamp
 from rig_runtime.wire import WireMessage
 from shared_control.loop import Motion, make_plant
+from shared_control.parameters import ParameterError
 from shared_control.scenario import LoopConfig, Scenario, TaskConfig
 from task_sim_node.parameters import PacemakerConfig
 from task_sim_node.readiness import RECORDER, Readiness
@@ -36,6 +38,11 @@ class TaskSimNode(RigNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("task_sim", *CONFIGURATIONS, follows_trial=False, **kwargs)
+        try:
+            self._claim = Claim(self.context.get_domain_id(), self.get_namespace())
+        except ClaimError as error:
+            super().destroy_node()
+            raise ParameterError(f"task_sim: {error}") from None
         self._loop = self.parameters.get(LoopConfig)
         self._config = self.parameters.get(PacemakerConfig)
         self._agent = make_plant(Scenario(loop=self._loop, task=self.parameters.get(TaskConfig)), self._loop.seed)
@@ -81,8 +88,9 @@ class TaskSimNode(RigNode):
         task = self._agent.task
         realtime = self._pacemaker.realtime
         self.trial = TrialState(
-            # One that is started again in the middle of a trial must not repeat the numbers that others still hold.
-            uid=int(time.time()) if realtime else 0,
+            # One that is started again in the middle of a trial must not repeat the numbers that others still hold,
+            # whatever has become of the wall clock meanwhile.
+            uid=time.monotonic_ns() // 1000 if realtime else 0,
             scenario=self._config.scenario,
             configuration_hash=self._config.configuration_hash,
             pacing=TrialState.PACING_REALTIME if realtime else TrialState.PACING_LOCKSTEP,
@@ -100,6 +108,10 @@ class TaskSimNode(RigNode):
             )
         else:
             self._publish_trial(TrialState.PHASE_IDLE, "trial/start begins a trial")
+
+    def destroy_node(self) -> None:
+        self._claim.close()
+        super().destroy_node()
 
     def finish(self) -> None:
         if self._in_trial:

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 
-from mig_interfaces.msg import TrialState
+from mig_interfaces.msg import RecorderState, TrialState
 from rig_runtime import topics
 from rig_runtime.node import RigNode
-from rig_runtime.ticks import to_stamp
+from rig_runtime.ticks import from_stamp, to_stamp
 
 #: [N] What a good hand pushes, forth and back so that the cart stays where it is.
 PUSH = 5.0
@@ -45,9 +45,15 @@ class Hand(RigNode):
         #: How often each tick was decided, and why, in the present trial.
         self.decided: Counter[int] = Counter()
         self.reasons: dict[int, int] = {}
+        #: Stamps [ns] of all decisions since the present bag was begun.
+        self.heard: set[int] = set()
         #: Every force that a command has held [N].
         self.commanded: set[float] = set()
         self.diagnostics: dict[str, tuple[bytes, dict[str, str]]] = {}
+        #: What each node last said of itself there.
+        self.said: dict[str, str] = {}
+        #: By bag, what its recorder last said and how many ticks it lacks.
+        self.recorders: dict[str, tuple[str, int]] = {}
         self.last_good = 0.0
         self.wrenches = self.loop_publisher(topics.WRENCH)
         self.loop_subscription(topics.TASK_STATE, self._on_state)
@@ -55,6 +61,7 @@ class Hand(RigNode):
             (topics.COMMAND, self._on_command),
             (topics.DECISION, self._on_decision),
             (topics.END_EFFECTOR, self._on_motion),
+            (topics.RECORDER_STATE, self._on_recorder),
         ):
             self.create_subscription(topic.type, topic.name, callback, topic.qos)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
@@ -77,6 +84,9 @@ class Hand(RigNode):
         self.say(stamp, PUSH if tick % 2 else -PUSH)
         self.last_good = time.monotonic()
 
+    def watch(self, stamp: int, tick: int) -> None:
+        """Somebody else pushes."""
+
     def say(self, stamp: int, force: float, frame: str = topics.SENSOR_FRAME) -> None:
         """One wrench, along x [N]."""
         message = WrenchStamped()
@@ -92,6 +102,19 @@ class Hand(RigNode):
         last = self.motions[-10:]
         return len(last) == 10 and all(abs(heard.force) == PUSH for heard in last)
 
+    @property
+    def still(self) -> bool:
+        """Whether the robot moves under no force, and has for a while."""
+        last = self.motions[-10:]
+        return len(last) == 10 and not any(heard.force for heard in last)
+
+    @property
+    def first_still(self) -> float:
+        """When the first motion without force came after which there was none with a force [s, steady clock]."""
+        moved = self.motions
+        last = max((k for k, heard in enumerate(moved[:-1]) if heard.force), default=-1)
+        return moved[last + 1].at
+
     def first_zero(self, since: float) -> float | None:
         """When the first motion without force came after a time [s, steady clock]."""
         return next((heard.at for heard in self.motions if heard.at > since and heard.force == 0.0), None)
@@ -105,21 +128,24 @@ class Hand(RigNode):
         self.newest = tick
         self.states.append(state)
         self.ticks_done += 1
-        self.answer(state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec, tick)
+        self.answer(from_stamp(state.header.stamp), tick)
 
     def _on_command(self, command: WrenchStamped) -> None:
         self.commanded.add(command.wrench.force.x)
 
     def _on_decision(self, decision: Any) -> None:
         self.decided[decision.tick] += 1
+        self.heard.add(from_stamp(decision.header.stamp))
         self.reasons[decision.tick] = decision.reason
 
     def _on_motion(self, motion: Any) -> None:
         self.motions.append(Heard(time.monotonic(), motion.tick, motion.force.x))
 
+    def _on_recorder(self, state: RecorderState) -> None:
+        self.recorders[state.uri] = (state.message, state.lost)
+
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
-            self.diagnostics[status.name.rpartition("/")[2]] = (
-                status.level,
-                {pair.key: pair.value for pair in status.values},
-            )
+            name = status.name.rpartition("/")[2]
+            self.diagnostics[name] = (status.level, {pair.key: pair.value for pair in status.values})
+            self.said[name] = status.message

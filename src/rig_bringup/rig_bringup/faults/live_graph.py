@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from mig_interfaces.msg import TrialState
-from rig_bag import BagError
+from rig_bag import BagError, read
 from rig_bag.repair import repair
+from rig_bag.verify import verify
 from rig_bringup.faults.hand import Hand
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.scenario import parameter_file
 from rig_bringup.up import scheduling
+from rig_runtime import topics
 from rig_runtime.run import make_executor, wait_until
-
-#: Package and executable of each node that is started here; the user is the hand.
-NODES = {
-    "task_sim": ("task_sim_node", "task_sim_node"),
-    "mig_filter": ("mig_filter_node", "mig_filter_node"),
-    "admittance_sim": ("admittance_sim_node", "admittance_sim_node"),
-    "recorder": ("rig_bag", "recorder"),
-}
 
 #: [s] How long anything may take that is not measured: starting a node, going on after a fault.
 _PATIENCE = 120.0
+
+
+Graph = TypeVar("Graph", bound="LiveGraph")
 
 
 class FaultError(Exception):
@@ -61,38 +60,70 @@ class Stalls(threading.Thread):
 class LiveGraph:
     """The graph of one trial that lasts as long as it is needed. Context manager."""
 
+    #: Package and executable of each node that is started here, the recorder last; the user is the hand.
+    nodes: Mapping[str, tuple[str, str]] = {
+        "task_sim": ("task_sim_node", "task_sim_node"),
+        "mig_filter": ("mig_filter_node", "mig_filter_node"),
+        "admittance_sim": ("admittance_sim_node", "admittance_sim_node"),
+        "recorder": ("rig_bag", "recorder"),
+    }
+
+    #: What it is called in the table.
+    kind = "plain"
+
     def __init__(self, folder: Path, namespace: str = "faults") -> None:
         self.folder = folder
-        self.bag = folder / "bag"
-        self._namespace = namespace
-        self._parameters = folder / "parameters.yaml"
-        self._parameters.write_text(parameter_file(self._sections()))
+        #: Of each recorder that was started, in order.
+        self.bags: list[Path] = []
+        self.namespace = namespace
+        folder.mkdir(exist_ok=True)
+        self.parameters = folder / "parameters.yaml"
+        self.parameters.write_text(parameter_file(self.sections()))
         self.processes: dict[str, GraphProcess] = {}
         self._stalls = Stalls()
         #: [s] The machine's stall during each wait for zero force.
         self.stalls: list[float] = []
         self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        arguments = ["--ros-args", "-r", f"__ns:=/{namespace}"]
-        self.hand = Hand(context=self._context, cli_args=arguments, use_global_arguments=False)
+        with patched_environment(self.environment()):
+            rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+            arguments = ["--ros-args", "-r", f"__ns:=/{namespace}"]
+            self.hand = Hand(context=self._context, cli_args=arguments, use_global_arguments=False)
+        #: How the hand answers while nothing is wrong.
+        self.good = self.hand.push
         self.executor = make_executor(self._context)
         self.executor.add_node(self.hand)
 
-    def _sections(self) -> dict[str, dict[str, Any]]:
+    def sections(self) -> dict[str, dict[str, Any]]:
+        """The nodes' parameters, section by section."""
         # The filter is off: what it lets pass is then what it believes, not what it likes.
         return {
             "/**": {"pacing": "realtime", "duration": 3600.0},
             "/**/mig_filter": {"mode": "off"},
             "/**/task_sim": {"required_nodes": ["user_sim", "mig_filter", "admittance_sim", "recorder"]},
-            "/**/recorder": {"uri": str(self.bag)},
         }
 
-    def __enter__(self) -> LiveGraph:
+    def environment(self) -> dict[str, str]:
+        """What every process of the graph is to find in its environment, the hand's included."""
+        return {}
+
+    def around(self, node: str) -> list[str]:
+        """What stands in front of the command that starts a node."""
+        return []
+
+    def __enter__(self: Graph) -> Graph:
         self._stalls.start()
-        for node in reversed(NODES):
-            self.start(node)
-        self.wait(lambda: self.hand.flowing, "the loop has not closed")
+        try:
+            for node in reversed(self.nodes):
+                self.start(node)
+            self.begin()
+            self.wait(lambda: self.hand.flowing, "the loop has not closed")
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
         return self
+
+    def begin(self) -> None:
+        """Do what the trial waits for."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -106,18 +137,23 @@ class LiveGraph:
 
     # -- the nodes -----------------------------------------------------------------------------------------------
 
-    def start(self, node: str) -> None:
-        """Start a node, or start it again."""
-        self.processes[node] = self._process(node, self._namespace)
+    def start(self, node: str, **parameters: object) -> None:
+        """Start a node, or start it again, with parameters on top of the file's."""
+        if node == "recorder":
+            self.bags.append(self.folder / f"bag_{len(self.bags)}")
+            self.hand.heard.clear()
+            parameters["uri"] = self.bags[-1]
+        self.processes[node] = self.start_process(node, node, self.namespace, **parameters)
 
-    def start_elsewhere(self, node: str) -> GraphProcess:
-        """Start another one in another namespace; it is the caller's to stop."""
-        return self._process(node, "elsewhere")
-
-    def _process(self, node: str, namespace: str) -> GraphProcess:
-        arguments = ["--ros-args", "-r", f"__ns:=/{namespace}", "--params-file", str(self._parameters)]
-        command = ["ros2", "run", *NODES[node], *arguments]
-        return GraphProcess(command, self.folder / f"{namespace}_{node}.log", scheduling("realtime"))
+    def start_process(self, like: str, name: str, namespace: str, **parameters: object) -> GraphProcess:
+        """Start a node like one of the graph's under a name of its own; it is the caller's to stop."""
+        arguments = ["--ros-args", "-r", f"__ns:=/{namespace}", "-r", f"__node:={name}"]
+        arguments += ["--params-file", str(self.parameters)]
+        for key, value in parameters.items():
+            arguments += ["-p", f"{key}:={value}"]
+        command = [*self.around(like), "ros2", "run", *self.nodes[like], *arguments]
+        environment = {**scheduling("realtime"), **self.environment()}
+        return GraphProcess(command, self.folder / f"{namespace}_{name}.log", environment)
 
     def kill(self, node: str) -> float:
         """Kill a node as nothing can prevent; when that was [s, steady clock]."""
@@ -163,25 +199,80 @@ class LiveGraph:
 
     def recover(self) -> None:
         """A good hand again, until the robot follows it."""
-        self.hand.answer = self.hand.push
+        self.hand.answer = self.good
         self.wait(
             lambda: self.hand.flowing and self.hand.trial.phase == TrialState.PHASE_RUNNING,
             "the loop has not recovered",
         )
+
+    # -- the bag -------------------------------------------------------------------------------------------------
+
+    def new_bag(self) -> None:
+        """Begin another bag, whatever became of the one before."""
+        self.processes["recorder"].stop()
+        self.start("recorder")
+        self.wait(lambda: any(self.bags[-1].glob("*.mcap")), "the recorder has not begun another bag")
+        self.hand.heard.clear()
+
+    def close_bag(self) -> str:
+        """End the recorder and check its bag against itself and against what the hand has heard.
+
+        Raises
+        ------
+        FaultError: the bag is damaged, or lacks a decision that was heard and does not say so.
+        """
+        self.processes["recorder"].stop()
+        bag, topic = self.bags[-1], f"/{self.namespace}/{topics.DECISION.name}"
+        try:
+            found = verify(bag)
+            recorded = {int(stamp) for stamp in read(bag, [topic])[topic]["stamp"]}
+        except BagError as error:
+            raise FaultError(f"the bag cannot be read: {error}") from error
+        # What the table does to the nodes must show in the ticks, and nowhere else.
+        if problems := [check.problems[0] for check in found.checks if check.name != "ticks" and check.problems]:
+            raise FaultError(f"the bag is not as it should be: {'; '.join(problems)}")
+        first, last = min(recorded, default=0), max(recorded, default=0)
+        gaps = [(before, after) for before, after, _ in found.ticks[topic]["gaps"]]
+        if not found.ticks[topic]["gaps_not_listed"] and (
+            lost := [
+                stamp
+                for stamp in self.hand.heard - recorded
+                if first < stamp < last and not any(before < stamp < after for before, after in gaps)
+            ]
+        ):
+            raise FaultError(
+                f"{len(lost)} decisions were heard, and the bag neither has them nor says that it lacks them"
+            )
+        return f"{sum(found.counts.values())} messages, undamaged; {len(recorded)} decisions, every gap told"
 
     def repair(self) -> str:
         """Make a whole bag of the one that was cut, and say how much it holds.
 
         Raises
         ------
-        FaultError: it cannot be made, or holds nothing.
+        FaultError: it cannot be made, holds nothing, or is not as it should be.
         """
         self.processes["recorder"].stop()
         try:
-            repaired = repair(self.bag)
+            repaired = repair(self.bags[-1])
+            found = verify(repaired.out or self.bags[-1])
         except BagError as error:
             raise FaultError(f"the bag cannot be repaired: {error}") from error
         count = sum(repaired.messages.values())
         if not count:
             raise FaultError("the repaired bag holds nothing")
+        if problems := [check.problems[0] for check in found.checks if check.name != "ticks" and check.problems]:
+            raise FaultError(f"the repaired bag is not as it should be: {'; '.join(problems)}")
         return f"{count} messages in the repaired bag"
+
+
+@contextmanager
+def patched_environment(changes: Mapping[str, str]) -> Iterator[None]:
+    """Other environment variables for what is made inside."""
+    was = dict(os.environ)
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(was)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import random
+import time
 from collections.abc import Callable
 
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
-from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, row
+from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, expect_reason, row
+from rig_runtime import topics
+from shared_control.filter import Reason
 
-# -- nodes ---------------------------------------------------------------------------------------------------------
+#: Most injections of a fault after which a process has to be started again, which takes a second or two.
+MOST_STARTS = 50
 
 
 def _stopped(node: str) -> Inject:
@@ -34,14 +39,16 @@ def _stopped(node: str) -> Inject:
 def _killed(node: str) -> Inject:
     """Killed, and started again in the middle of the trial."""
 
-    def inject(graph: LiveGraph, _: int) -> Seen:
-        since = graph.kill(node)
-        zero = graph.zero_after(since)
-        graph.start(node)
-        # What moved before it was killed says nothing of whether it moves again.
-        graph.hand.motions.clear()
-        graph.recover()
-        return Seen([zero])
+    def inject(graph: LiveGraph, repeats: int) -> Seen:
+        zero = []
+        for _ in range(min(repeats, MOST_STARTS)):
+            since = graph.kill(node)
+            zero.append(graph.zero_after(since))
+            graph.start(node)
+            # What moved before it was killed says nothing of whether it moves again.
+            graph.hand.motions.clear()
+            graph.recover()
+        return Seen(zero)
 
     return inject
 
@@ -86,7 +93,7 @@ def _robot_killed(graph: LiveGraph, _: int) -> Seen:
     return _without_robot(graph, lambda: graph.kill("admittance_sim"), lambda: graph.start("admittance_sim"))
 
 
-@row("recorder/stopped", "the recorder is stopped (SIGSTOP) for a second", "the loop does not notice")
+@row("recorder/stopped", "the recorder is stopped (SIGSTOP) for a second", "the loop does not notice, nothing is lost")
 def _recorder_stopped(graph: LiveGraph, _: int) -> Seen:
     graph.stop("recorder")
     try:
@@ -97,34 +104,139 @@ def _recorder_stopped(graph: LiveGraph, _: int) -> Seen:
     return Seen([])
 
 
-@row("parameters/changed", "fifty changes of live parameters in flight", "every tick is decided once")
+@row("recorder/killed", "the recorder is killed (-9) and started again", "the loop goes on; its bag is repaired")
+def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
+    remark = ""
+    for _ in range(min(repeats, MOST_STARTS)):
+        graph.kill("recorder")
+        graph.ticks(100)
+        expect_every_tick_once(graph)
+        remark = graph.repair()
+        graph.new_bag()
+        # Long enough for something to be on the disk, so that there is something to repair.
+        graph.ticks(150)
+    return Seen([], f"{min(repeats, MOST_STARTS)} of {min(repeats, MOST_STARTS)} bags repaired; the last: {remark}")
+
+
+@row(
+    "queue/recorder",
+    "the recorder is stopped for so long that its queues overflow",
+    "the loop does not notice; counted",
+)
+def _recorder_overrun(graph: LiveGraph, _: int) -> Seen:
+    graph.stop("recorder")
+    try:
+        graph.ticks(8 * topics.DEPTH)
+    finally:
+        graph.resume("recorder")
+    expect_every_tick_once(graph)
+
+    def lost() -> int:
+        return graph.hand.recorders.get(str(graph.bags[-1]), ("", 0))[1]
+
+    graph.wait(lambda: lost() > 0, "what was lost has not been counted on recorder/state", limit=30.0)
+    return Seen([], f"{lost()} ticks of its topics counted as lost")
+
+
+@row(
+    "queue/filter",
+    "the filter is stopped for so long that its queues overflow",
+    "no force; what is left is late",
+    LIMIT,
+)
+def _filter_overrun(graph: LiveGraph, _: int) -> Seen:
+    since = graph.stop("mig_filter")
+    try:
+        zero = graph.zero_after(since)
+        graph.ticks(2 * topics.DEPTH)
+        moved = [heard for heard in graph.hand.motions if heard.at > since + zero]
+        if any(heard.force for heard in moved):
+            raise FaultError("the robot moved under a force while the filter stood still")
+    finally:
+        graph.resume("mig_filter")
+    graph.hand.motions.clear()
+    graph.recover()
+    twice = [tick for tick, count in graph.hand.decided.items() if count > 1]
+    if twice:
+        raise FaultError(f"{len(twice)} ticks were decided twice")
+    return Seen([zero], f"{2 * topics.DEPTH} ticks without a filter")
+
+
+@row("filter/overruns", "a controller that needs seconds for a tick", "what comes late is dropped: no force")
+def _filter_slow(graph: LiveGraph, _: int) -> Seen:
+    graph.kill("mig_filter")
+    graph.start(
+        "mig_filter",
+        mode="assistance",
+        horizon=60.0,
+        controller_iterations=1000,
+        controller_tolerance=0.0,
+        threshold=-1e9,
+    )
+    try:
+        graph.wait(lambda: graph.hand.warned("mig_filter", "ticks") > 0, "the slow filter has not decided anything")
+        graph.hand.forget()
+        graph.ticks(150)
+        forces = {heard.force for heard in graph.hand.motions}
+        if len(graph.hand.motions) < 100 or forces - {0.0}:
+            raise FaultError(f"{len(graph.hand.motions)} motions under {sorted(forces)} N; each should be under none")
+        slowest = float(graph.hand.diagnostics["mig_filter"][1]["slowest decision [ms]"])
+    finally:
+        graph.kill("mig_filter")
+        graph.start("mig_filter")
+        graph.hand.motions.clear()
+    graph.recover()
+    # It may have said in time or late what no hand has pushed: it is the controller's, and within its limits.
+    graph.hand.commanded.clear()
+    return Seen([], f"a decision took {1e-3 * slowest:.1f} s")
+
+
+@row(
+    "state/stale",
+    "the states come late by 0.3 s, with state_timeout at 0.05",
+    "no force, stale state; goes on by itself",
+)
+def _stale_states(graph: LiveGraph, _: int) -> Seen:
+    graph.kill("mig_filter")
+    graph.start("mig_filter", state_timeout=0.05)
+    graph.hand.motions.clear()
+    graph.recover()
+    graph.stop("task_sim")
+    time.sleep(0.3)
+    graph.resume("task_sim")
+    graph.ticks(40)
+    expect_reason(graph, Reason.STALE_STATE)
+    count = sum(reason == Reason.STALE_STATE for reason in graph.hand.reasons.values())
+    graph.kill("mig_filter")
+    graph.start("mig_filter")
+    graph.hand.motions.clear()
+    return Seen([], f"{count} ticks")
+
+
+@row(
+    "parameters/changed",
+    "a hundred changes at random moments, one in three not allowed",
+    "refused or in force; each tick once",
+)
 def _parameters(graph: LiveGraph, _: int) -> Seen:
     client = AsyncParameterClient(graph.hand, "mig_filter")
     graph.wait(client.services_are_ready, "the filter's parameters are not served")
-    for k in range(50):
-        values = [Parameter("threshold", value=float(k % 7)), Parameter("dead_zone", value=0.0)]
-        future = client.set_parameters(values)
+    moments, refused = random.Random(3), 0
+    for k in range(100):
+        wrong = [
+            Parameter("dead_zone", value=-1.0),
+            Parameter("threshold", value=math.nan),
+            Parameter("contraction", value="much"),
+            Parameter("horizon", value=2.0),  # not one that changes in flight
+        ]
+        good = [Parameter("threshold", value=float(k % 7)), Parameter("dead_zone", value=0.0)]
+        bad = k % 3 == 0
+        future = client.set_parameters([moments.choice(wrong)] if bad else good)
         graph.wait(future.done, "the filter did not answer a change of its parameters")
+        taken = all(result.successful for result in future.result().results)
+        if taken == bad:
+            raise FaultError(f"change {k} was {'taken' if taken else 'refused'}, and should not have been")
+        refused += bad
+        graph.ticks(moments.randrange(3))
     expect_every_tick_once(graph)
-    return Seen([])
-
-
-@row("start/interrupted", "SIGINT at a random moment of a node's start, five times", "it ends, and leaves nothing")
-def _interrupted_start(graph: LiveGraph, _: int) -> Seen:
-    moments = random.Random(7)
-    for node in moments.choices(["task_sim", "mig_filter", "admittance_sim"], k=5):
-        process = graph.start_elsewhere(node)
-        graph.ticks(moments.randrange(1, 200))
-        process.stop()
-        if left := process.left():
-            raise FaultError(f"{node} has left processes behind: {left}")
-    return Seen([])
-
-
-# The last: there is no recorder after it.
-@row("recorder/killed", "the recorder is killed (-9)", "the loop does not notice; the bag can be repaired")
-def _recorder_killed(graph: LiveGraph, _: int) -> Seen:
-    graph.kill("recorder")
-    graph.ticks(100)
-    expect_every_tick_once(graph)
-    return Seen([], graph.repair())
+    return Seen([], f"{refused} refused")
