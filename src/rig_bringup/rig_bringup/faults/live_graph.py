@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -28,9 +28,6 @@ from rig_runtime.run import make_executor, wait_until
 
 #: [s] How long anything may take that is not measured: starting a node, going on after a fault.
 _PATIENCE = 120.0
-
-
-Graph = TypeVar("Graph", bound="LiveGraph")
 
 
 class FaultError(Exception):
@@ -110,7 +107,7 @@ class LiveGraph:
         """What stands in front of the command that starts a node."""
         return []
 
-    def __enter__(self: Graph) -> Graph:
+    def __enter__(self) -> LiveGraph:
         self._stalls.start()
         try:
             for node in reversed(self.nodes):

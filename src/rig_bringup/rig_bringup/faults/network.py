@@ -39,9 +39,10 @@ class Line:
         if _libc.unshare(_CLONE_NEWNET) != 0:
             os.close(self._home)
             raise NotHereError(f"needs the right to make network namespaces: {os.strerror(ctypes.get_errno())}")
-        here = os.readlink("/proc/thread-self/ns/net")
+        here = Path("/proc/thread-self/ns/net").readlink()
         self._holder = subprocess.Popen(["unshare", "--net", "sleep", "86400"])
-        while os.readlink(f"/proc/{self._holder.pid}/ns/net") == here and self._holder.poll() is None:
+        there = Path(f"/proc/{self._holder.pid}/ns/net")
+        while self._holder.poll() is None and there.readlink() == here:
             time.sleep(0.01)
         self.far = ["nsenter", f"--net=/proc/{self._holder.pid}/ns/net"]
         try:
