@@ -230,8 +230,8 @@ def _page_silent(graph: PersonGraph, repeats: int) -> Seen:
     assert page is not None
     for _ in range(repeats):
         page.pushing = False
-        graph.ticks(1)
-        zero.append(graph.zero_after(page.last_push))
+        graph.wait(lambda: graph.hand.still, "the force has not become zero", limit=10.0)
+        zero.append(graph.hand.first_still - page.last_push)
         graph.wait(lambda: page.status["hand"]["reason"] == STALLED, "the page is not told")
         page.pushing = True
         graph.hand.motions.clear()
@@ -245,8 +245,8 @@ def _page_closed(graph: PersonGraph, repeats: int) -> Seen:
     assert page is not None
     for _ in range(repeats):
         page.open = False
-        graph.ticks(1)
-        zero.append(graph.zero_after(page.last_push))
+        graph.wait(lambda: graph.hand.still, "the force has not become zero", limit=10.0)
+        zero.append(graph.hand.first_still - page.last_push)
         page.open = True
         graph.hand.motions.clear()
         graph.wait(lambda: graph.hand.flowing, "the page's hand does not count again")
