@@ -43,6 +43,11 @@ class Marked:
                 os.kill(pid, signal.SIGKILL)
         self._process.wait()
 
+    @property
+    def code(self) -> int | None:
+        """Its code; None while it runs."""
+        return self._process.poll()
+
     def signal(self, number: signal.Signals) -> None:
         """To the command itself, and not to what it has started."""
         with contextlib.suppress(ProcessLookupError):

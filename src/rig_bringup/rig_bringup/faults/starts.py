@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -41,17 +40,20 @@ def _interrupted(folder: Path, repeats: int) -> Seen:
     count = max(10, min(repeats, 50))
     for k in range(count):
         run = folder / f"interrupted_{k}"
-        after = moments.uniform(0.05, 4.0)
+        # From the command on, and from when there is a bag on.
+        after = moments.uniform(0.0, 2.0)
         with Marked(up(run, "--namespace", "interrupted"), folder / f"interrupted_{k}.log") as rig:
+            if k % 2:
+                rig.wait_for((run / "bag").exists, _PATIENCE)
             rig.wait_for(lambda: False, after)
             sent = time.monotonic()
             rig.signal(signal.SIGINT)
             code = rig.end(_PATIENCE)
             if left := rig.left(2.0):
-                raise FaultError(f"interrupted after {after:.2f} s, it left processes behind: {left}")
+                raise FaultError(f"interrupted at moment {k}, it left processes behind: {left}")
         slowest = max(slowest, time.monotonic() - sent)
         if code != 130:
-            raise FaultError(f"interrupted after {after:.2f} s, it returned {code}:\n{rig.words()}")
+            raise FaultError(f"interrupted at moment {k}, it returned {code}:\n{rig.words()}")
         if (run / "bag").exists():
             expect_whole_bag(run / "bag")
             bags += 1
@@ -67,13 +69,16 @@ def _second_graph(graph: LiveGraph, _: int) -> Seen:
             raise FaultError(f"the second pacemaker ended with {second.exit_code}:\n{second.last_words()}")
     finally:
         second.stop()
-    command = up(graph.folder / "second", "--namespace", graph.namespace)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
-    if done.returncode != 2 or "paces" not in done.stderr:
-        raise FaultError(f"./rig up returned {done.returncode}: {done.stderr[-300:]}")
+    log = graph.folder / "second.log"
+    with Marked(up(graph.folder / "second", "--namespace", graph.namespace), log) as rig:
+        # The hand goes on meanwhile.
+        graph.wait(lambda: rig.code is not None, "./rig up has not ended", limit=_PATIENCE)
+        if rig.code != 2 or "paces" not in rig.words():
+            raise FaultError(f"./rig up returned {rig.code}:\n{rig.words()}")
+        said = rig.words().splitlines()[-1]
     graph.ticks(50)
     expect_every_tick_once(graph)
-    return Seen([], done.stderr.strip().splitlines()[-1])
+    return Seen([], said)
 
 
 def up(out: Path, *more: str) -> list[str]:
