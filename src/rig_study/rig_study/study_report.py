@@ -30,6 +30,12 @@ _STYLE = """
  figure { margin: 0 0 1rem } svg { max-width: 100%; height: auto } figcaption, .note { color: #555; max-width: 60rem }
 """
 
+_RESTS = (
+    "Normality: p of Shapiro and Wilk's test, of the residuals, of the changes, or of each of two samples; a small p "
+    "speaks against it. Sphericity: between two sets there is one difference only, so it cannot fail. "
+    "p, Holm: corrected for all tests of the table."
+)
+
 
 def write(gathered: Gathered, statistics: Mapping[str, Any], out: Path) -> Path:
     """Write ``report.html`` and ``figures/``; the same inputs give the same bytes."""
@@ -68,6 +74,7 @@ def _study(trials: pd.DataFrame, study: Mapping[str, Any], out: Path) -> Iterato
     )
     yield _figure(figures.group_bars(means, dict(study)), out, "groups", "Groups and sets", caption)
     yield "<h2>Means over subjects (SD)</h2>" + _means(means)
+    yield f"<h2>What the tests rest on</h2><p class='note'>{_RESTS}</p>"
     for key, title in (
         ("mixed_anova", "Group between subjects, set within them (mixed analysis of variance)"),
         ("factorial_anova", "The factorial form: every value taken as independent"),
@@ -164,11 +171,9 @@ def _anova(analyses: Mapping[str, Any]) -> str:
             continue
         for effect, row in found["effects"].items():
             interval = f"{row['eta']:.3f} ({row['eta_low']:.3f} to {row['eta_high']:.3f})"
-            rows.append(
-                (name, effect, f"{row['f']:.3f}", f"{row['df']:g}, {row['error_df']:g}", _p(row["p"]), interval)
-            )
-        notes.append(f"{name}: {'; '.join(found['remarks'])}")
-    head = ("measure", "effect", "F", "df", "p", "partial eta² (95 %)")
+            df = f"{row['df']:g}, {row['error_df']:g}"
+            rows.append((name, effect, f"{row['f']:.3f}", df, _p(row["p"]), interval, _normality(found)))
+    head = ("measure", "effect", "F", "df", "p", "partial eta² (95 %)", "normality, p")
     return (_table(head, rows) if rows else "") + _notes(notes)
 
 
@@ -177,12 +182,14 @@ def _tests(tests: Mapping[str, Any]) -> str:
     for name, row in _done(tests):
         change = f"{row['difference']:.3f} ({row['low']:.3f} to {row['high']:.3f})"
         d = f"{row['d']:.2f} ({row['d_low']:.2f} to {row['d_high']:.2f})" if row["d_low"] is not None else "-"
-        normal = "; ".join(_p(p) for _, p in row["normality"])
         t = f"{row['t']:.3f}", f"{row['df']:.1f}", _p(row["p"]), _p(row.get("p_holm"))
-        rows.append((name, change, *t, d, normal))
+        rows.append((name, change, *t, d, _normality(row)))
     head = ("test", "difference (95 %)", "t", "df", "p", "p, Holm", "d (95 %)", "normality, p")
-    remark = _notes(["normality: Shapiro-Wilk, of the changes or of each sample; a small p speaks against it"])
-    return (_table(head, rows) + remark if rows else "") + _notes(_not_done(tests))
+    return (_table(head, rows) if rows else "") + _notes(_not_done(tests))
+
+
+def _normality(found: Mapping[str, Any]) -> str:
+    return "; ".join(_p(p) for _, p in found["normality"])
 
 
 def _done(tests: Mapping[str, Any]) -> list[tuple[str, Any]]:

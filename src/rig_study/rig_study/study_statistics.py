@@ -101,21 +101,11 @@ def _correlations(trials: pd.DataFrame, measure: str, first: str) -> dict[str, d
 
 def _anova(which: Callable[..., Any], means: pd.DataFrame, measure: str, sets: tuple[str, str]) -> dict[str, Any]:
     found = which(cells(means, measure, sets))
-    shapiro, mauchly = found.normality, found.sphericity
-    remarks = []
-    if math.isfinite(shapiro[1]):
-        says = "speak against" if shapiro[1] < 0.05 else "do not speak against"
-        remarks.append(f"residuals {says} normality (Shapiro-Wilk W = {shapiro[0]:.3f}, p = {shapiro[1]:.3g})")
-    remarks.append(
-        f"Mauchly W = {mauchly[0]:.3f}, p = {mauchly[1]:.3g}; Greenhouse-Geisser epsilon {found.epsilon:.3f}"
-        if math.isfinite(mauchly[0])
-        else "sphericity cannot fail with two sets"
-    )
     effects = {}
     for row in found.effects:
         low, high = eta_interval(row.f, row.df, row.error_df)
         effects[row.effect] = {**row._asdict(), "eta_low": low, "eta_high": high}
-    return {"effects": effects, "remarks": remarks}
+    return {"effects": effects, "normality": [found.normality]}
 
 
 def _paired(means: pd.DataFrame, measure: str, sets: tuple[str, str]) -> dict[str, dict[str, Any]]:
