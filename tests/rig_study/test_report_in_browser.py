@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from live_display import NO_BROWSER, browser_path, chromium
+from browser import NO_BROWSER, browser_path, chromium
 from made_up_study import cohort
 
 from rig_study.analyze_cli import main
