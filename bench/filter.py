@@ -24,7 +24,7 @@ from rows import BenchError, Row, alternate
 
 from shared_control import controllers, tasks
 from shared_control.cost import quadratic
-from shared_control.filter import FilterConfig, MigFilter
+from shared_control.filter import FilterConfig, MigFilter, Verdict
 from shared_control.mig import Criterion
 from shared_control.scenario import load
 from shared_control.tasks.task import SAMPLE_TIME
@@ -150,6 +150,37 @@ def cart_pendulum(runs: int) -> list[Row]:
 def slip(runs: int) -> list[Row]:
     """:func:`rows` of SLIP."""
     return rows("slip", runs)
+
+
+def laboratory(runs: int) -> list[Row]:
+    """Check and update at the laboratory's horizon, T = 1 s of 100 RK4 steps.
+
+    Its figures are published ones, from another machine and g++ -O2; the better end of each range stands here.
+    """
+    task = tasks.get("cart_pendulum")
+    chosen = FilterConfig(mode="assistance", horizon=1.0, controller="sac", controller_iterations=1)
+    judge = MigFilter(task, chosen)
+    judge.warm_up()
+    x, push = np.array(CASES["cart_pendulum"][1]), np.array(CASES["cart_pendulum"][2])
+    good, bad = (push, -push) if judge.decide(x, push).verdict is Verdict.ACCEPTED else (-push, push)
+    check, update = alternate(
+        runs,
+        lambda: 1e6 * typical(lambda: judge.decide(x, good), 30),
+        lambda: 1e6 * typical(lambda: judge.decide(x, bad), 30),
+    )
+    published = "the laboratory's C++, published"
+    return [
+        Row(
+            *("filter.laboratory.check", "filter decision, accepted, T = 1 s, 100 steps", "us", check),
+            *(f"{published}: 90 to 140 us", (90.0,) * runs),
+            wanted="ratio <= 0.2",
+        ),
+        Row(
+            *("filter.laboratory.update", "filter decision, replaced by one SAC update", "us", update),
+            *(f"{published}: 320 to 360 us", (320.0,) * runs),
+            wanted="ratio <= 0.5",
+        ),
+    ]
 
 
 def batch(runs: int, count: int = 1000) -> list[Row]:

@@ -22,12 +22,15 @@ from rows import BenchError, Row, table
 MEASUREMENTS = {
     "filter.cart_pendulum": ("filter:cart_pendulum", "evaluation and replacement against C and Python scalars"),
     "filter.slip": ("filter:slip", "the same of a hybrid task, against C"),
+    "filter.laboratory": ("filter:laboratory", "check and update beside the figures of the laboratory's own code"),
     "filter.batch": ("filter:batch", "evaluation of many states, against a loop in C"),
     "node.tick": ("tick:rows", "the filter node from message to message, against a node that echoes"),
     "timer": ("jitter:rows", "lateness of a timer at 100 Hz and 1 kHz, against clock_nanosleep in C"),
     "loop.lockstep": ("loop:lockstep", "state out to motion in, one tick after the other, against a bare ring"),
     "loop.100Hz": ("loop:realtime", "the same at 100 Hz of wall time, and the states' jitter"),
     "loop.1kHz": ("loop:kilohertz", "missed deadlines in 60 s at 1 kHz"),
+    "loop.processes": ("processes:rows", "latency and missed deadlines at 100 Hz, a process for each node, recorded"),
+    "loop.10min": ("processes:ten_minutes", "the same for ten minutes"),
     "recorder": ("loop:recorder", "a tick with and without the recorder"),
     "reader": ("bag:rows", "reading and checking a bag, against rosbags"),
     "lockstep.composed": ("lockstep:composed", "real-time factor of ./rig up in one process, recorded"),
@@ -35,6 +38,9 @@ MEASUREMENTS = {
     "display": ("display:rows", "a person's page: pointer to wrench, state to drawn, what it costs the loop"),
     "startup": ("startup:rows", "time to a ready node and a running graph, and their memory"),
 }
+
+#: What takes long, and is measured only where it is named.
+BY_NAME = {"loop.10min"}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -45,7 +51,8 @@ def parser() -> argparse.ArgumentParser:
         "medians. Exit code 1 if a row could not be measured or, with --compare, became slower.",
         epilog=f"{compare.RULE} RIG_REALTIME and RIG_CPUS hold for the rows that wall time paces, and their baselines.",
     )
-    result.add_argument("rows", nargs="*", metavar="ROW", help="rows, or beginnings of their names (all)")
+    usual = f"all but {', '.join(BY_NAME)}"
+    result.add_argument("rows", nargs="*", metavar="ROW", help=f"rows, or beginnings of their names ({usual})")
     result.add_argument("--list", action="store_true", help="say what there is and measure nothing")
     result.add_argument("--runs", type=int, default=5, metavar="N", help="runs of each row (%(default)s)")
     result.add_argument("--out", type=Path, default=Path("bench.json"), metavar="FILE", help="JSON (%(default)s)")
@@ -54,16 +61,24 @@ def parser() -> argparse.ArgumentParser:
 
 
 def select(beginnings: Sequence[str]) -> list[str]:
-    """Names of the measurements that hold rows with these beginnings, in their order; all if there are none.
+    """Names of the measurements that hold rows with these beginnings, in their order.
+
+    If there are none, all but those that are measured by name only.
 
     Raises
     ------
     BenchError: nothing begins so.
     """
     for beginning in beginnings:
-        if not any(_holds(name, beginning) for name in MEASUREMENTS):
+        if not any(_wants(beginning, name) for name in MEASUREMENTS):
             raise BenchError(f"no row begins with {beginning!r}; there are {', '.join(MEASUREMENTS)}")
-    return [name for name in MEASUREMENTS if not beginnings or any(_holds(name, b) for b in beginnings)]
+    if not beginnings:
+        return [name for name in MEASUREMENTS if name not in BY_NAME]
+    return [name for name in MEASUREMENTS if any(_wants(beginning, name) for beginning in beginnings)]
+
+
+def _wants(beginning: str, name: str) -> bool:
+    return _holds(name, beginning) and (name not in BY_NAME or beginning.startswith(name))
 
 
 def _holds(name: str, beginning: str) -> bool:
@@ -118,7 +133,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     if arguments.list:
-        print("\n".join(f"{name:22} {MEASUREMENTS[name][1]}" for name in names))
+        names += [] if arguments.rows else [name for name in MEASUREMENTS if name in BY_NAME]
+        by_name = " (only where it is named)"
+        print("\n".join(f"{name:22} {MEASUREMENTS[name][1]}{by_name * (name in BY_NAME)}" for name in names))
         return 0
     before = machine.describe()
     rows, failures = run(names, arguments.runs)

@@ -132,3 +132,12 @@ def test_the_other_byte_order() -> None:
 def test_a_kind_of_field_that_is_not_provided_for() -> None:
     with pytest.raises((KeyError, TypeError, AttributeError)):
         topics.TRIAL_STATE.wire()
+
+
+def test_a_stamp_is_taken_over() -> None:
+    first, second = topics.TASK_STATE.wire(state=4, control=1), topics.WRENCH.wire()
+    first.stamp = 1_732_500_000_123_456_789
+    second.take_stamp(first)
+    assert second.stamp == first.stamp
+    stamp = deserialize_message(second.data, topics.WRENCH.type).header.stamp
+    assert (stamp.sec, stamp.nanosec) == (1_732_500_000, 123_456_789)

@@ -46,7 +46,7 @@ class AdmittanceSimNode(RigNode):
         self._zero = np.zeros(3)
         self._command = topics.COMMAND.wire()
         self._state = topics.END_EFFECTOR.wire()
-        self._publisher = self.loop_publisher(topics.END_EFFECTOR)
+        self._send = self.loop_sender(topics.END_EFFECTOR)
         self.loop_subscription(topics.COMMAND, self._on_command, raw=True)
         if self._realtime:
             self.create_timer(self._silence.period, self._watchdog, clock=self.steady)
@@ -144,7 +144,7 @@ class AdmittanceSimNode(RigNode):
         state["reference_velocity"] = motion.reference_velocity
         if self._realtime:
             self._note_times(begin)
-        self._publisher.publish(state.data)
+        self._send(state.data)
         self.ticks_done += 1
 
     def _note_times(self, begin: int) -> None:

@@ -56,13 +56,13 @@ class MigFilterNode(RigNode):
         self._wrench = topics.WRENCH.wire()
         self._command = topics.COMMAND.wire()
         self._decision = topics.DECISION.wire(user_control=m, nominal_control=m, applied_control=m)
-        self._by_verdict = {
-            Verdict.ACCEPTED: self.loop_publisher(topics.ACCEPTED),
-            Verdict.REJECTED: self.loop_publisher(topics.REJECTED),
-            Verdict.REPLACED: self.loop_publisher(topics.REPLACED),
+        self._send_by_verdict = {
+            Verdict.ACCEPTED: self.loop_sender(topics.ACCEPTED),
+            Verdict.REJECTED: self.loop_sender(topics.REJECTED),
+            Verdict.REPLACED: self.loop_sender(topics.REPLACED),
         }
-        self._command_publisher = self.loop_publisher(topics.COMMAND)
-        self._decision_publisher = self.loop_publisher(topics.DECISION)
+        self._send_command = self.loop_sender(topics.COMMAND)
+        self._send_decision = self.loop_sender(topics.DECISION)
         self.loop_subscription(topics.TASK_STATE, self._on_state, raw=True)
         self.loop_subscription(topics.WRENCH, self._on_wrench, raw=True)
         if self._realtime:
@@ -178,13 +178,13 @@ class MigFilterNode(RigNode):
         command = self._command
         command.stamp = stamp
         command["wrench.force"] = outcome.admitted_force
-        self._command_publisher.publish(command.data)
+        self._send_command(command.data)
         command["wrench.force"] = self._wrench["wrench.force"]
-        self._by_verdict[outcome.decision.verdict].publish(command.data)
+        self._send_by_verdict[outcome.decision.verdict](command.data)
 
     def _publish_decision(self, outcome: FilterOutcome, tick: Matched[bytes, bytes]) -> None:
         decision, message = outcome.decision, self._decision
-        message.stamp = tick.stamp
+        message.take_stamp(self._command)
         message["tick"] = self._state["tick"]
         message["mode"] = decision.mode
         message["verdict"] = decision.verdict
@@ -197,7 +197,7 @@ class MigFilterNode(RigNode):
         message["user_force"] = self._wrench["wrench.force"]
         message["admitted_force"] = outcome.admitted_force
         message["added_force"] = outcome.added_force
-        self._decision_publisher.publish(message.data)
+        self._send_decision(message.data)
 
     def _note_times(self, tick: Matched[bytes, bytes], begin: int, delay: float) -> None:
         # Wall time differs from run to run, so it stays out of the messages of a lockstep run.

@@ -93,6 +93,11 @@ class RigNode(Node):
         self._publishers_of_loop[publisher.topic_name] = publisher
         return publisher
 
+    def loop_sender(self, topic: Topic) -> Callable[[bytes], None]:
+        """As :meth:`loop_publisher`; returns what publishes a serialised message, without a look at its type."""
+        send: Callable[[bytes], None] = self.loop_publisher(topic).handle.publish_raw
+        return send
+
     def loop_subscription(
         self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
     ) -> Subscription[Any]:

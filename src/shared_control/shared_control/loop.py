@@ -110,9 +110,10 @@ class FilterAgent:
 
     def decide(self, x: Array, force: Array, task_mode: int | None = None) -> FilterOutcome:
         """Judge the user's force (3,) [N] at the state (n,); once a tick."""
-        if not (math.isfinite(force[0]) and math.isfinite(force[1]) and math.isfinite(force[2])):
+        components = force.tolist()
+        if not all(map(math.isfinite, components)):
             return self.fallback(Reason.NON_FINITE_WRENCH, force)
-        if max(abs(force[0]), abs(force[1]), abs(force[2])) > self._filter.max_force:
+        if max(map(abs, components)) > self._filter.max_force:
             return self.fallback(Reason.EXCESSIVE_WRENCH, force)
         u_user = self.task.control_from_wrench(force, self._robot)
         return self._outcome(self._filter.decide(x, u_user, task_mode), force)

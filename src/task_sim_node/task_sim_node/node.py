@@ -32,6 +32,9 @@ CONFIGURATIONS = (LoopConfig, TaskConfig, PacemakerConfig)
 #: that readers keep up with a writer that keeps a bounded history.
 _BURST = topics.DEPTH // 10
 
+#: A constant of a message class is a property, which is looked up each time.
+_RUNNING = TrialState.PHASE_RUNNING
+
 
 class TaskSimNode(RigNode):
     """`admittance/end_effector` in, `task/state` out; owns `trial/state` and serves `trial/start`, `abort`, `reset`."""
@@ -67,7 +70,7 @@ class TaskSimNode(RigNode):
         # In lockstep nobody can look that fast, and what is drawn would slow it down.
         self._view = View(self, task) if rate > 0.0 and self._pacemaker.realtime else None
         self._view_ticks = max(round(1.0 / (rate * self._loop.sample_time)), 1) if rate > 0.0 else 1
-        self._publisher = self.loop_publisher(topics.TASK_STATE)
+        self._send = self.loop_sender(topics.TASK_STATE)
         self._trial_publisher = self.create_publisher(
             topics.TRIAL_STATE.type, topics.TRIAL_STATE.name, topics.TRIAL_STATE.qos
         )
@@ -207,7 +210,7 @@ class TaskSimNode(RigNode):
         received, heard = time.monotonic_ns(), self._heard
         heard.load(data)
         tick = heard["tick"]
-        if self.trial.phase != TrialState.PHASE_RUNNING or self.tick_of(heard.stamp) != tick:
+        if self.trial.phase != _RUNNING or self.tick_of(heard.stamp) != tick:
             self._pacemaker.late += 1
         elif self._pacemaker.take(tick):
             self._motion, self._heard = heard, self._motion
@@ -226,7 +229,7 @@ class TaskSimNode(RigNode):
 
     def _tick(self) -> None:
         for _ in range(_BURST):
-            if self.trial.phase != TrialState.PHASE_RUNNING:
+            if self.trial.phase != _RUNNING:
                 return
             begin = time.monotonic_ns()
             advance = self._pacemaker.advance(begin)
@@ -264,7 +267,7 @@ class TaskSimNode(RigNode):
             self.stage.add(delay, compute_time)
         self._progress = 1e-9 * begin
         self.ticks_done = tick + 1
-        self._publisher.publish(message.data)
+        self._send(message.data)
         if self._view is not None and tick % self._view_ticks == 0:
             self._view.publish(agent.state, message.stamp)
 

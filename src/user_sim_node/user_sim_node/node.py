@@ -29,7 +29,7 @@ class UserSimNode(RigNode):
         task = loop.make_task()
         self._state = topics.TASK_STATE.wire(state=task.n, control=task.m)
         self._wrench = topics.WRENCH.wire()
-        self._publisher = self.loop_publisher(topics.WRENCH)
+        self._send = self.loop_sender(topics.WRENCH)
         self.loop_subscription(topics.TASK_STATE, self._on_state, raw=True)
 
     def prepare(self) -> None:
@@ -51,9 +51,9 @@ class UserSimNode(RigNode):
         state, wrench = self._state, self._wrench
         state.load(data)
         wrench["wrench.force"] = self._agent.act(state["tick"], state["time"], state["state"], state["mode"])
-        wrench.stamp = state.stamp
+        wrench.take_stamp(state)
         if self._realtime:
             compute_time = 1e-9 * (time.monotonic_ns() - begin)
             self.stage.add(delay_of(state.stamp) - compute_time, compute_time)
-        self._publisher.publish(wrench.data)
+        self._send(wrench.data)
         self.ticks_done += 1

@@ -51,6 +51,7 @@ class Receding(ABC):
         self._iterations, self._tolerance = int(iterations), float(tolerance)
         self._steps = self._age = steps
         self._limits = np.array(bounds)
+        self._costless = min(cost.control_weights) <= 0.0
         # Of a trajectory's columns the last is the mode that a hybrid task is in.
         self._x = np.zeros(n + 1)
         self._us, self._us_new = np.zeros((steps, m)), np.zeros((steps, m))
@@ -80,8 +81,8 @@ class Receding(ABC):
         self._x[:-1] = x
         self._x[-1] = self._task.mode(x) if task_mode is None else task_mode
         cost, iterations, converged = self._search()
-        # A finite cost can only come of finite controls, since each enters it (or, with R = 0, through the state).
-        if not math.isfinite(cost) or not math.isfinite(self._us.sum()):
+        # A finite cost can only come of finite controls where each enters it.
+        if not math.isfinite(cost) or (self._costless and not math.isfinite(self._us.sum())):
             return Solution(self.fallback(), False, False, iterations, cost)
         self._schedule[:] = self._us
         self._age = 0

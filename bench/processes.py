@@ -1,0 +1,74 @@
+"""The closed loop of four processes and a recorder at 100 Hz, as `./rig up` starts it: what its bag says of latency.
+
+Each node puts its wall times into its messages; `rig_study.hops` makes the loop's latency of them.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from jitter import nanosleep
+from live import in_own_domain
+from loop import SCENARIO
+from native import program
+from rows import BenchError, Row, alternate, percentile
+
+from rig_study.recorded import RecordedTrial, load
+
+_LOOP = "loop, state out to motion in"
+_PERIOD = 0.01
+
+
+def trial(seconds: float) -> RecordedTrial:
+    """Run a trial and read it.
+
+    Raises
+    ------
+    BenchError: it did not run to its end.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "rig_bringup", "up", SCENARIO, "--pacing", "realtime", "--no-report"]
+        command += ["--duration", str(seconds), "--out", f"{folder}/run"]
+        # As for every row that wall time paces, real-time scheduling only where it is asked for.
+        environment = {**in_own_domain(), "RIG_REALTIME": os.environ.get("RIG_REALTIME", "off")}
+        result = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+        if result.returncode != 0:
+            raise BenchError(f"the trial did not run to its end: {result.stderr.strip()}")
+        return load(Path(folder) / "run" / "bag")
+
+
+def rows(runs: int) -> list[Row]:
+    """Latency and missed deadlines, 10 s a run."""
+    return _rows("loop.processes", runs, 10.0)
+
+
+def ten_minutes(_: int) -> list[Row]:
+    """The same once, for ten minutes."""
+    return _rows("loop.10min", 1, 600.0)
+
+
+def _rows(name: str, runs: int, seconds: float) -> list[Row]:
+    with program("wake") as wake:
+        trials, sleeps = alternate(
+            runs, lambda: trial(seconds), lambda: nanosleep(wake, _PERIOD, round(min(seconds, 10.0) / _PERIOD))
+        )
+    # A tick that was missed has no latency: it counts as one of a whole period.
+    latencies = [1e6 * np.nan_to_num(found.hops[_LOOP][:-1], nan=_PERIOD) for found in trials]
+    what = "state out to motion in, four processes and a recorder, 100 Hz, work included"
+    found = []
+    for share, wanted in ((0.5, ""), (0.99, "value < 3000")):
+        title = f"p{100 * share:.0f}"
+        values = tuple(float(percentile(times, share)) for times in latencies)
+        late = tuple(1e6 * percentile(times, share) for times in sleeps)
+        baseline = f"lateness of clock_nanosleep in C, {title}"
+        found.append(Row(f"{name}.{title}", f"{what}, {title}", "us", values, baseline, late, wanted=wanted))
+    missed = tuple(float(found.trial.missed_deadlines) for found in trials)
+    over = tuple(float(sum(late > _PERIOD for late in times)) for times in sleeps)
+    what = f"ticks that found the loop not closed, of {round(seconds / _PERIOD)}"
+    baseline = "clock_nanosleep in C, later than a period"
+    return [*found, Row(f"{name}.missed", what, "ticks", missed, baseline, over, wanted="value <= 0")]
