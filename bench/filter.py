@@ -23,8 +23,11 @@ from native import library
 from rows import BenchError, Row, alternate
 
 from shared_control import controllers, tasks
+from shared_control.controllers import ilqr_kernels
 from shared_control.cost import quadratic
+from shared_control.dispatch import bound
 from shared_control.filter import FilterConfig, MigFilter, Verdict
+from shared_control.integrate import store_size
 from shared_control.mig import Criterion
 from shared_control.scenario import load
 from shared_control.tasks.task import SAMPLE_TIME
@@ -54,6 +57,10 @@ def seconds(call: Call, calls: int) -> float:
 def typical(call: Call, calls: int, times: int = 15) -> float:
     """Median seconds of a call, over so many times of so many calls: a stall of the machine does not count."""
     return statistics.median(seconds(call, calls) for _ in range(times))
+
+
+def _address(array: Any) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
 def _agree(first: float, second: float, where: str) -> None:
@@ -109,7 +116,7 @@ class Case:
     def _given(self, *inputs: Any) -> tuple[list[Any], list[Any]]:
         """Arrays, to be kept in a name (C gets addresses, which must outlive the calls), and C's arguments."""
         arrays = [np.array(part) for part in (self.task.parameters, self.cost.state_weights, self.cost.target, *inputs)]
-        given: list[Any] = [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in arrays]
+        given = [_address(array) for array in arrays]
         return arrays, [*given, ctypes.c_double(SAMPLE_TIME), self.steps]
 
     def in_scalars(self) -> float:
@@ -144,7 +151,47 @@ def cart_pendulum(runs: int) -> list[Row]:
         lambda: 1e6 * typical(case.in_scalars, 2),
     )
     scalar = Row("filter.cart_pendulum.scalars", _EVALUATED, "us", numba, "the same in Python scalars", python)
-    return [*rows("cart_pendulum", runs), scalar]
+    return [*rows("cart_pendulum", runs), _search(case, runs), scalar]
+
+
+def _search(case: Case, runs: int) -> Row:
+    """iLQR from a warm schedule, beside the same in C."""
+    task, n, m, steps = case.task, case.task.n, case.task.m, case.steps
+    case.controller.solve(case.x)
+    case.controller.advance()
+    # The controller's own schedule of a tick ago, which each call improves anew.
+    warm, iterations, tolerance = case.controller.schedule, 3, 1e-3
+    start, limits = np.append(case.x, 0.0), np.array(task.control_limits)
+    ours, theirs = warm.copy(), warm.copy()
+    memory = [np.zeros(shape) for shape in ((steps + 1, n + 1), (steps, m), (steps + 1, n + 1))]
+    memory += [np.zeros(store_size(task, 1)), np.zeros((steps, m)), np.zeros((steps, m, n))]
+    kernel = bound(ilqr_kernels.search)
+
+    def in_numba() -> float:
+        ours[:] = warm
+        found: tuple[float, int, bool] = kernel(
+            *(task.parameters, case.cost, start, ours, limits, SAMPLE_TIME, iterations, tolerance, *memory)
+        )
+        return found[0]
+
+    with library("cart_pendulum") as compiled:
+        compiled.replacement.restype = ctypes.c_double
+        arrays = [np.array(part) for part in (task.parameters, *(case.cost[k] for k in (0, 3, 2)))]
+        given, inputs = [_address(array) for array in arrays], [_address(case.x), _address(theirs)]
+        weight, limit = ctypes.c_double(case.cost.control_weights[0]), ctypes.c_double(limits[0])
+        rest = (ctypes.c_double(SAMPLE_TIME), steps, iterations, ctypes.c_double(tolerance))
+
+        def in_c() -> float:
+            theirs[:] = warm
+            found: float = compiled.replacement(*given, weight, limit, *inputs, *rest)
+            return found
+
+        _agree(in_c(), in_numba(), "in C")
+        if not np.allclose(ours, theirs, rtol=1e-6, atol=1e-9):
+            raise BenchError("the two versions disagree on a schedule")
+        numba, c = alternate(runs, lambda: 1e6 * typical(in_numba, 30), lambda: 1e6 * typical(in_c, 30))
+    what = f"iLQR from a warm schedule, {steps} steps, numba (called from Python)"
+    return Row("filter.cart_pendulum.ilqr", what, "us", numba, "the same in C -O3", c)
 
 
 def slip(runs: int) -> list[Row]:
@@ -190,7 +237,7 @@ def batch(runs: int, count: int = 1000) -> list[Row]:
     values = np.zeros(count)
     with library("cart_pendulum") as compiled:
         _, given = kept = case._given(states, case.good)
-        out = values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+        out = _address(values)
         found = np.array([case.evaluate(x, case.good) for x in states])
         compiled.criteria(*given, count, out)
         if not np.allclose(values, found, rtol=1e-6, atol=1e-9):
