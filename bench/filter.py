@@ -164,7 +164,7 @@ def _search(case: Case, runs: int) -> Row:
     start, limits = np.append(case.x, 0.0), np.array(task.control_limits)
     ours, theirs = warm.copy(), warm.copy()
     memory = [np.zeros(shape) for shape in ((steps + 1, n + 1), (steps, m), (steps + 1, n + 1))]
-    memory += [np.zeros(store_size(task, 1)), np.zeros((steps, m)), np.zeros((steps, m, n))]
+    memory += [*np.zeros((2, store_size(task, steps))), np.zeros((steps, m)), np.zeros((steps, m, n))]
     kernel = bound(ilqr_kernels.search)
 
     def in_numba() -> float:

@@ -191,12 +191,18 @@ class CostOfNothing:
         steps = samples(horizon, dt)
         self._task, self._cost, self._h = task, cost, float(dt)
         self._nothing, self._xs = np.zeros((steps, task.m)), np.zeros((steps + 1, task.n + 1))
+        self._rollout, self._no_store = bound(rollout), np.zeros(0)
 
     def __call__(self, x: Array, task_mode: int | None = None) -> float:
         """J [unit of the cost] at a state (n,); ``task_mode`` as for :class:`Criterion`."""
         mode = self._task.mode(x) if task_mode is None else task_mode
         start = tuple(float(value) for value in x)
-        return float(rollout(self._task.parameters, self._cost, mode, start, self._nothing, self._h, self._xs))
+        return float(
+            self._rollout(
+                *(self._task.parameters, self._cost, mode, start, self._nothing, self._h, math.inf),
+                *(self._xs, self._no_store),
+            )
+        )
 
 
 def mig_integral(

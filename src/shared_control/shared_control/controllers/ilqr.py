@@ -30,13 +30,14 @@ class Ilqr(Receding):
 
     def __init__(self, task: Task, cost: QuadraticCost, **options: Any) -> None:
         super().__init__(task, cost, **options)
-        self._store = np.zeros(store_size(task, 1))
+        self._store, self._store_new = np.zeros((2, store_size(task, self._steps)))
         self._ks, self._gains = np.zeros((self._steps, task.m)), np.zeros((self._steps, task.m, task.n))
         self._kernel = bound(search)
 
     def _search(self) -> tuple[float, int, bool]:
         found: tuple[float, int, bool] = self._kernel(
             self._p, self._c, self._x, self._us, self._limits, self._h, self._iterations, self._tolerance,
-            self._xs, self._us_new, self._xs_new, self._store, self._ks, self._gains,
+            self._xs, self._us_new, self._xs_new, self._store, self._store_new,
+            self._ks, self._gains,
         )  # fmt: skip
         return found

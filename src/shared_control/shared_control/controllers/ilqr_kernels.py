@@ -9,7 +9,7 @@ import numpy as np
 
 from shared_control.controllers.rollout_kernels import begin, copy
 from shared_control.dispatch import effort, jit, running, running_gradient, terminal, terminal_gradient
-from shared_control.integrate import step, step_linearised, step_pullback
+from shared_control.integrate import step_linearised, step_pullback, stride
 from shared_control.tasks.task import Array
 from shared_control.tuples import axpy, take, unit
 
@@ -34,11 +34,13 @@ SETTLED = 1e-12
 @jit
 def _rollout_feedback(
     p: Any, c: Any, us: Array, xs: Array, ks: Array, gains: Array, alpha: float, limits: Array, h: float,
-    us_new: Array, xs_new: Array,
+    ceiling: float, us_new: Array, xs_new: Array, store: Array,
 ) -> float:  # fmt: skip
-    """J of clip(u + alpha k + K (x_new - x)); schedule and trajectory go to us_new, xs_new."""
+    """J of clip(u + alpha k + K (x_new - x)), infinite if it is above the ceiling; schedule, trajectory and what its
+    derivatives need go to us_new, xs_new and the store.
+    """
     like_u = c.control_weights
-    n, m = len(c.target), len(like_u)
+    n, m, size = len(c.target), len(like_u), stride(p, c.target)
     steps = us.shape[0]
     x, mode = take(c.target, xs[0], 0), int(xs[0, n])
     total = 0.0
@@ -53,7 +55,9 @@ def _rollout_feedback(
             us_new[k, j] = min(max(u_j, -limits[j]), limits[j])
         u = take(like_u, us_new[k], 0)
         total += h * ((0.5 if k == 0 else 1.0) * running(c, x) + effort(c, u))
-        x, mode = step(p, mode, x, u, h)
+        if total > ceiling:
+            return math.inf
+        x, mode = step_linearised(p, mode, x, u, h, store, k * size)
     for i in range(n):
         xs_new[steps, i] = x[i]
     xs_new[steps, n] = mode
@@ -114,13 +118,13 @@ def _solve_free(quu: Array, free: Any, factor: Array, rhs: Array) -> None:
 @jit
 def _backward(
     p: Any, c: Any, us: Array, xs: Array, limits: Array, damping: float, h: float,
-    ds: Array, ks: Array, gains: Array,
+    store: Array, stored: bool, ks: Array, gains: Array,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Riccati sweep along a trajectory: ks, gains; the model's linear and quadratic gain and the largest change asked
-    for.
+    for. What the derivatives need is in the store already, or is put there.
     """
     like_x, like_u = c.target, c.control_weights
-    n, m = len(like_x), len(like_u)
+    n, m, size = len(like_x), len(like_u), stride(p, c.target)
     steps = us.shape[0]
     a, b = np.empty((n, n)), np.empty((n, m))
     vx, vxx = np.empty(n), np.zeros((n, n))
@@ -136,9 +140,10 @@ def _backward(
     linear, quadratic, largest = 0.0, 0.0, 0.0
     for k in range(steps - 1, -1, -1):
         u = take(like_u, us[k], 0)
-        step_linearised(p, int(xs[k, n]), take(like_x, xs[k], 0), u, h, ds, 0)
+        if not stored:
+            step_linearised(p, int(xs[k, n]), take(like_x, xs[k], 0), u, h, store, k * size)
         for i in range(n):
-            row, column = step_pullback(p, ds, 0, u, unit(like_x, i), h)
+            row, column = step_pullback(p, store, k * size, u, unit(like_x, i), h)
             for j in range(n):
                 a[i, j] = row[j]
             for j in range(m):
@@ -215,25 +220,25 @@ def _backward(
 @jit
 def search(
     p: Any, c: Any, x0: Array, us: Array, limits: Array, h: float, iterations: int, tolerance: float,
-    xs: Array, us_new: Array, xs_new: Array, ds: Array, ks: Array, gains: Array,
+    xs: Array, us_new: Array, xs_new: Array, store: Array, store_new: Array, ks: Array, gains: Array,
 ) -> tuple[float, int, bool]:  # fmt: skip
     """Improve the schedule us in place; (J, iterations used, converged). J is not finite if nothing was found."""
     start = take(c.target, x0, 0)
-    best = begin(p, c, int(x0[len(start)]), start, us, h, xs, us_new, xs_new)
+    best, stored = begin(p, c, int(x0[len(start)]), start, us, h, xs, us_new, xs_new, store)
     if not math.isfinite(best):
         return best, 0, False
     damping = 0.0
     for iteration in range(iterations):
-        linear, quadratic, largest = _backward(p, c, us, xs, limits, damping, h, ds, ks, gains)
+        linear, quadratic, largest = _backward(p, c, us, xs, limits, damping, h, store, stored, ks, gains)
         if not (math.isfinite(linear) and math.isfinite(quadratic)):
             return best, iteration, False
         if largest < tolerance:
             return best, iteration, True
-        improved = False
+        stored, improved = True, False
         alpha = 1.0
         for _ in range(HALVINGS):
             promised = -(alpha * linear + alpha * alpha * quadratic)
-            cost = _rollout_feedback(p, c, us, xs, ks, gains, alpha, limits, h, us_new, xs_new)
+            cost = _rollout_feedback(p, c, us, xs, ks, gains, alpha, limits, h, best, us_new, xs_new, store_new)
             if math.isfinite(cost) and best - cost > GAIN_LEAST * max(promised, 0.0):
                 improved = True
                 break
@@ -243,6 +248,7 @@ def search(
             best = cost
             copy(us_new, us)
             copy(xs_new, xs)
+            store, store_new = store_new, store
             damping = 0.0 if damping <= DAMPING_FIRST else damping / DAMPING_GROWTH
             if gain <= tolerance * abs(best):
                 return best, iteration + 1, True

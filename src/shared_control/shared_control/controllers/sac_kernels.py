@@ -60,7 +60,7 @@ def search(
     steps, m = us.shape
     start = take(c.target, x0, 0)
     mode = int(x0[len(start)])
-    best = begin(p, c, mode, start, us, h, xs, us_new, xs_new)
+    best, _ = begin(p, c, mode, start, us, h, xs, us_new, xs_new, store[:0])
     if not math.isfinite(best):
         return best, 0, False
     for iteration in range(iterations):
@@ -71,7 +71,7 @@ def search(
             for k in range(steps):
                 for j in range(m):
                     us_new[k, j] = us[k, j] + share * (wanted[k, j] - us[k, j])
-            cost = rollout(p, c, mode, start, us_new, h, xs_new)
+            cost = rollout(p, c, mode, start, us_new, h, best, xs_new, store[:0])
             if cost < best:
                 gain = best - cost
                 best = cost
