@@ -82,7 +82,7 @@ class Watcher:
         self._thread.start()
         return self
 
-    def __exit__(self, *error: Any) -> None:
+    def __exit__(self, *error: object) -> None:
         self._end.set()
         self._thread.join(LIMIT)
         self.monitor.__exit__(*error)
