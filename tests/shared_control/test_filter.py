@@ -264,3 +264,19 @@ def test_agreement_baseline():
     assert controls.verdict == Verdict.ACCEPTED
     assert decision.criterion == -float(BAD @ decision.applied_control) > 0.0
     assert decision.applied_control == make().decide(X, BAD).applied_control
+
+
+def test_predictive_baseline_stops_what_could_not_be_made_good():
+    """A cart that can still brake before the end of its track may be pushed towards it; one that cannot may not."""
+    task = tasks.get("cart_pendulum", track=1.0)
+    filter_ = MigFilter(task, FilterConfig(horizon=0.5, judge="predictive", state_weights=(0.0, 0.0, 200.0, 1.0)))
+    push = np.array([20.0])
+    # At 1 m/s and 20 m/s^2 it takes 2.5 cm to stop, and the push adds what it moves in a sample and what that costs.
+    can, cannot = (np.array([math.pi, 0.0, x, 1.0]) for x in (0.90, 0.98))
+    decision = filter_.decide(can, push)
+    assert (decision.verdict, decision.criterion) == (Verdict.ACCEPTED, -1.0)
+    decision = filter_.decide(cannot, push)
+    assert (decision.verdict, decision.criterion) == (Verdict.REPLACED, 1.0)
+    assert decision.applied_control[0] < 0.0
+    endless = MigFilter(TASK, FilterConfig(horizon=0.5, judge="predictive"))
+    assert endless.decide(cannot, push).verdict == Verdict.ACCEPTED

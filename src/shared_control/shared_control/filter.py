@@ -13,9 +13,12 @@ Several inputs are judged jointly, by one criterion, or separately, each by that
 rest; then only what is refused is taken from the user. The decision shows the largest criterion, and its verdict is
 ACCEPTED if nothing was refused.
 
-Two baselines judge by other values in the criterion's place, for comparison: ``judge="random"`` by rate - U with U
-uniform on [0, 1) for each action (is it the criterion that does the work, or the replacement?), ``"agreement"`` by
--u^T u_c with the controller's u_c (does the user do what the controller would?).
+Baselines judge by other values in the criterion's place, for comparison: ``judge="random"`` by rate - U with U uniform
+on [0, 1) for each action (is it the criterion that does the work, or the replacement?), ``"agreement"`` by -u^T u_c
+with the controller's u_c (does the user do what the controller would?), ``"predictive"`` by 1 where the task would fail
+within the controller's horizon although the controller took over after the user's sample, -1 where it would not: a
+predictive safety filter without a terminal set (Wabersich and Zeilinger, Automatica 129, 2021), which stops only what
+could not be made good. Where nothing counts as failure, as on a track without an end, it accepts everything.
 
 An accepted action passes as it is. A rejected one becomes nothing in training, and in assistance the controller's. An
 action whose every component is at most ``dead_zone`` is no action: there is nothing to judge, and it passes. Whatever
@@ -75,7 +78,9 @@ class FilterConfig:
         choices=("null", "controller"),
     )
     judge: str = parameter(
-        "mig", "What judges an action: the criterion, or a baseline.", choices=("mig", "random", "agreement")
+        "mig",
+        "What judges an action: the criterion, or a baseline.",
+        choices=("mig", "random", "agreement", "predictive"),
     )
     rejection_rate: float = parameter(0.5, "Share that judge: random rejects.", ge=0.0, le=1.0)
     threshold: float = parameter(0.0, "An action is accepted if its criterion is at most this.", unit="cost", live=True)
@@ -161,7 +166,7 @@ class MigFilter:
         self._controller = self._make_controller(steered, sample_time)
         #: The one that is asked what it would do after the user's sample; its schedules are not those that are applied.
         self._successor: Controller | None = None
-        if self.config.continuation == "controller":
+        if self.config.continuation == "controller" or self.config.judge == "predictive":
             self._successor = self._make_controller(steered, sample_time)
         self._stepper = Stepper(task, sample_time)
         self._agreed: Solution | None = None
@@ -169,6 +174,7 @@ class MigFilter:
             "mig": self._criterion if self._successor is None else self._continued,
             "random": self._at_random,
             "agreement": self._agreement,
+            "predictive": self._predictive,
         }
         self._judge = judges[self.config.judge]
         self._random = stream(0, "filter")
@@ -287,7 +293,7 @@ class MigFilter:
         self._cost_of_nothing(x)
         self._controller.solve(x)
         if self._successor is not None:
-            self._continued(x, np.ones(self.task.m), None)
+            self._judge(x, np.ones(self.task.m), None)
         self.reset()
 
     def _one_by_one(self, x: Array, u_user: Array, task_mode: int | None) -> Array:
@@ -304,13 +310,29 @@ class MigFilter:
         if self._successor is not None:
             self._successor.advance()
 
-    def _continued(self, x: Array, u_user: Array, task_mode: int | None) -> float:
+    def _succeed(self, x: Array, u_user: Array, task_mode: int | None) -> tuple[Array, int, Array] | None:
+        """Where the user's sample leads, state and mode, and the controller's schedule from there, if it has one."""
         assert self._successor is not None
         after = np.array(x, dtype=float)
         task_mode_after = self._stepper.advance(after, u_user, task_mode)
         if not self._successor.solve(after, task_mode_after).usable:
+            return None
+        return after, task_mode_after, self._successor.schedule
+
+    def _continued(self, x: Array, u_user: Array, task_mode: int | None) -> float:
+        succession = self._succeed(x, u_user, task_mode)
+        return math.nan if succession is None else self._criterion(x, u_user, task_mode, succession[2])
+
+    def _predictive(self, x: Array, u_user: Array, task_mode: int | None) -> float:
+        succession = self._succeed(x, u_user, task_mode)
+        if succession is None:
             return math.nan
-        return self._criterion(x, u_user, task_mode, self._successor.schedule)
+        after, mode, schedule = succession
+        for u in schedule:
+            if self.task.failure(after):
+                return 1.0
+            mode = self._stepper.advance(after, u, mode)
+        return 1.0 if self.task.failure(after) else -1.0
 
     def _at_random(self, x: Array, u_user: Array, task_mode: int | None) -> float:
         return self.config.rejection_rate - self._random.random()

@@ -1,6 +1,7 @@
 """The figures of docs/results.md, measured again: ``./rig reproduce [--seeds N] [CLAIM ...]``.
 
-Headless, with a progress bar for each line; nothing here is tuned to the seeds.
+Headless, with a progress bar for each line; nothing here is tuned to the seeds. The lines that begin with ``map`` say
+how the figures move when one thing is changed at a time, and where they break.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import argparse
 import copy
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ class Claim(NamedTuple):
     """One line of the table."""
 
     base: str  # scenario
-    changes: Mapping[str, Mapping[str, Any]]  # to its sections, by node
+    changes: Mapping[str, Mapping[str, Any]]  # to its sections, by node; none: what the nodes share
     seeds: int
     wanted: str  # in words
 
@@ -86,6 +87,57 @@ GRADED = Claim("cart_pendulum_noise_training", {}, 10, "Spearman of success alon
 
 _RANDOM = {"mig_filter": {"judge": "random", "rejection_rate": 0.7}}
 
+
+def _neighbours(base: str, seeds: int, node: str, **values: list[Any] | dict[str, Any]) -> Iterator[tuple[str, Claim]]:
+    """The scenario with one parameter of a node at each of its values in turn; a dictionary names them."""
+    for parameter, options in values.items():
+        named = options if isinstance(options, dict) else {str(value): value for value in options}
+        for name, value in named.items():
+            label = f"map/{base.removesuffix('_assistance')}/{parameter.replace('_', ' ')} {name}"
+            yield label, Claim(base, {node: {parameter: value}}, seeds, "reported")
+
+
+def _mismatch(parameter: str, default: float) -> dict[str, list[str]]:
+    """A plant whose parameter is by so much larger or smaller than filter and controller believe."""
+    return {
+        f"{parameter} {percent:+d} %": [f"{parameter}={default * (1.0 + percent / 100.0):g}"]
+        for percent in (-30, -20, -10, 10, 20, 30)
+    }
+
+
+def _map() -> Iterator[tuple[str, Claim]]:
+    """The neighbourhood of the shipped configurations."""
+    from shared_control import tasks
+
+    cart, slip = "cart_pendulum_noise_assistance", "slip_noise_assistance"
+    pendulum, leg = tasks.get("cart_pendulum").parameters, tasks.get("slip").parameters
+    yield from _neighbours(
+        cart, 20, "mig_filter", horizon=[0.4, 0.6, 0.8, 1.0, 1.2, 2.0],
+        state_weights={
+            "angle alone": [200.0, 0.0, 0.0, 0.0], "a tenth on the cart": [200.0, 0.0, 2.0, 1.0],
+            "five times on the cart": [200.0, 0.0, 100.0, 1.0], "rate too": [200.0, 20.0, 20.0, 1.0],
+        },
+        adjoint_along=["user"],
+    )  # fmt: skip
+    yield from _neighbours(cart, 20, "user_sim", noise_sd=[[2.0], [5.0], [10.0], [40.0]], noise_hold=[5, 20])
+    yield from _neighbours(
+        cart, 20, "task_sim", initial_state={"swinging": [3.0, 0.5, 0.0, 0.0], "upright": [0.0] * 4},
+        plant_parameters={**_mismatch("length", pendulum.length), **_mismatch("mass", pendulum.mass)},
+    )  # fmt: skip
+    yield from _neighbours(cart, 20, "", sample_time=[0.005, 0.02, 0.04])
+    yield from _neighbours(
+        slip, 10, "mig_filter", horizon=[0.6, 0.7, 0.8, 1.0, 1.2], adjoint_along=["nominal"],
+        target={f"height {z} m": [0.0, 0.0, z, 0.0, 0.0] for z in (1.1, 1.2, 1.4)},
+        state_weights={"a fifth": [0.0, 0.0, 10.0, 0.0, 0.0], "speed too": [0.0, 5.0, 50.0, 0.0, 0.0]},
+    )  # fmt: skip
+    yield from _neighbours(slip, 10, "user_sim", noise_sd=[[5.0, 2.5], [10.0, 3.3], [30.0, 15.0]])
+    yield from _neighbours(
+        slip, 10, "task_sim", initial_state={"at rest": [0.0, 0.0, 1.0, 0.0, 0.0]},
+        plant_parameters={**_mismatch("stiffness", leg.stiffness), **_mismatch("mass", leg.mass)},
+    )  # fmt: skip
+    yield from _neighbours(slip, 10, "", sample_time=[0.005, 0.02])
+
+
 #: Every claim that can be measured here, by name.
 CLAIMS: dict[str, Claim] = {
     "cart/noise/assistance": _cart("assistance", "1,000 of 1,000, PRA 0.50 +- 0.02, cart p99 <= 15 m", 1000),
@@ -113,11 +165,15 @@ CLAIMS: dict[str, Claim] = {
     ),
     "slip/noise/assistance": Claim("slip_noise_assistance", {}, 300, "never falls, override 0.70 +- 0.05"),
     "slip/noise/random rejection": Claim("slip_noise_assistance", _RANDOM, 100, "what replacement alone does"),
+    "slip/noise/predictive safety filter": Claim(
+        "slip_noise_assistance", {"mig_filter": {"judge": "predictive"}}, 100, "reported"
+    ),
     "slip/noise/training": Claim("slip_noise_training", {}, 100, "reported"),
     "slip/low skill/off": Claim("slip_low_skill_off", {}, 100, "falls at about 5.5 s in the median"),
     "slip/low skill/assistance": Claim("slip_low_skill_assistance", {}, 300, "never falls, < 0.40, 0.98 +- 0.05 m/s"),
     "slip/skilled/off": Claim("slip_skilled_off", {}, 100, "never falls"),
     "slip/skilled/assistance": Claim("slip_skilled_assistance", {}, 100, "never falls, <= 0.22, 0.06 m/s, r >= 0.98"),
+    **dict(_map()),
 }  # fmt: skip
 
 
@@ -127,7 +183,8 @@ def scenario(claim: Claim) -> dict[str, Any]:
 
     content: dict[str, Any] = copy.deepcopy(yaml.safe_load(find(claim.base).read_text()))
     for node, values in claim.changes.items():
-        content.setdefault(f"/**/{node}", {"ros__parameters": {}})["ros__parameters"].update(values)
+        section = f"/**/{node}" if node else "/**"
+        content.setdefault(section, {"ros__parameters": {}})["ros__parameters"].update(values)
     return content
 
 
