@@ -64,7 +64,10 @@ def main(argv: Sequence[str]) -> int:
 
 def measurements() -> dict[str, Measurement]:
     """Everything, by name: the claims of the science, then the study and the figures."""
-    claims = {name: Measurement("claims", functools.partial(_claim, name)) for name in reproduce.CLAIMS}
+    claims = {
+        name: Measurement("map" if name.startswith("map/") else "claims", functools.partial(_claim, name))
+        for name in reproduce.CLAIMS
+    }
     return {**claims, **MEASUREMENTS}
 
 

@@ -1,15 +1,14 @@
-"""The figures of docs/results.md, measured again: ``./rig reproduce [--seeds N] [CLAIM ...]``.
+"""The science's part of docs/results.md: what is claimed, with which configuration and how many seeds.
 
-Headless, with a progress bar for each line; nothing here is tuned to the seeds. The lines that begin with ``map`` say
-how the figures move when one thing is changed at a time, and where they break.
+``./rig reproduce`` measures it (:mod:`rig_study.reproduce_cli`). Headless, with a progress bar for each line; nothing
+here is tuned to the seeds. The lines that begin with ``map`` say how the figures move when one thing is changed at a
+time, and where they break.
 """
 
 from __future__ import annotations
 
-import argparse
 import copy
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -21,7 +20,7 @@ from shared_control.scenario import find
 from shared_control.trial import TrialResult, judged, run_trials
 from shared_control.users.presets import PRESETS
 
-__all__ = ["CLAIMS", "Claim", "main", "measure", "scenario"]
+__all__ = ["CLAIMS", "Claim", "measure", "scenario"]
 
 #: First of the seeds; used nowhere else.
 FIRST_SEED = 40_000_000
@@ -228,24 +227,3 @@ def _slip_line(results: list[TrialResult]) -> str:
     if not math.isnan(rmse):
         line += f", RMSE {rmse:.3f} m/s"
     return line if math.isnan(correlation) else f"{line}, r {correlation:.3f}"
-
-
-def main() -> None:
-    """Print a row of the table for each claim."""
-    arguments = argparse.ArgumentParser("rig reproduce", description=__doc__)
-    arguments.add_argument("claims", nargs="*", metavar="CLAIM", help="names, or beginnings of names; all if left out")
-    arguments.add_argument("--seeds", type=int, help="at most so many trials for each claim")
-    arguments.add_argument("--workers", type=int, help="processes; as many as there are cores if left out")
-    options = arguments.parse_args()
-    chosen = {name: c for name, c in CLAIMS.items() if not options.claims or name.startswith(tuple(options.claims))}
-    if not chosen:
-        arguments.error(f"no claim begins with {', '.join(options.claims)}; there are: {', '.join(CLAIMS)}")
-    print("| claim | wanted | measured |\n| --- | --- | --- |", flush=True)
-    for name, claim in chosen.items():
-        begin = time.perf_counter()
-        line = measure(claim, options.seeds, options.workers)
-        print(f"| {name} | {claim.wanted} | {line} ({time.perf_counter() - begin:.0f} s) |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
