@@ -1,4 +1,4 @@
-"""The paper's claims for the cart-pendulum, on as many seeds as the suite has time for; ./rig reproduce runs them all."""
+"""The paper's claims for the cart-pendulum, on as many seeds as the suite has time for (./rig reproduce: all)."""
 
 from __future__ import annotations
 
