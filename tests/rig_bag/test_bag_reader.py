@@ -110,6 +110,7 @@ def _decision(store: Any, frame: str, controls: list[float], criterion: float, t
         user_force=vector,
         admitted_force=vector,
         added_force=vector,
+        delay=0.75,
         state_age=0.5,
         wrench_age=0.25,
         compute_time=0.125,
@@ -150,7 +151,7 @@ def test_both_ways_of_reading_equal_an_independent_decoder(
     assert array is not None or not alike
     for number, (want, item) in enumerate(zip(expected, data, strict=True)):
         got = schema.decode(item)
-        for field in ("tick", "verdict", "criterion", "threshold", "state_age", "compute_time"):
+        for field in ("tick", "verdict", "criterion", "threshold", "delay", "state_age", "compute_time"):
             assert getattr(got, field) == getattr(want, field)
             assert array is None or array[number][field] == getattr(want, field)
         for field in ("user_control", "nominal_control", "applied_control"):
