@@ -41,7 +41,7 @@ def test_rows_are_replaced_where_they_stand_and_the_text_is_left_alone(tmp_path:
     expected = PAGE.replace("| old | 1 | 2 | x |", "| old | 1 | a\\|b | x |")
     expected = expected.replace("| kept | 3 | 4 | x |\n", "| kept | 3 | 4 | x |\n| new | 5 | 6 | x |\n")
     assert page.read_text() == expected
-    update(page, {"claims": [("new", "5", "6", "x")], "study": [("q", "p", "h")]}, complete=True)
+    update(page, {"claims": [("new", "5", "6", "x")], "study": [("q", "p", "h")]}, whole={"claims"})
     text = page.read_text()
     assert "kept" not in text
     assert "| new | 5 | 6 | x |\n<!-- end -->" in text

@@ -63,6 +63,7 @@ def test_pearson_of_anscombe() -> None:
     assert (found.low, found.high) == (pytest.approx(0.4244, abs=1e-4), pytest.approx(0.9507, abs=1e-4))
     pingouin = importlib.import_module("pingouin").pairwise_corr(pd.DataFrame({"x": ANSCOMBE_X, "y": ANSCOMBE_Y}))
     assert found.r == pytest.approx(pingouin["r"][0], abs=1e-12)
+    assert (found.low, found.high) == pytest.approx(tuple(pingouin["CI95"][0]), abs=6e-3)  # rounded there
 
 
 def test_t_of_students_sleep() -> None:
@@ -187,8 +188,20 @@ def test_normality_of_shapiro_and_wilk() -> None:
     assert math.isnan(statistics.normality([1.0, 1.0, 1.0, 1.0])[0])
 
 
-def test_holm_by_hand() -> None:
-    assert statistics.holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+def test_t_and_d_by_another_library() -> None:
+    pingouin = importlib.import_module("pingouin")
+    paired = pingouin.ttest(SLEEP_1, SLEEP_2, paired=True)
+    found = statistics.paired_t(SLEEP_1, SLEEP_2)
+    assert (found.t, found.p) == pytest.approx((paired["T"].iloc[0], paired["p_val"].iloc[0]), rel=1e-9)
+    assert found.d == pytest.approx(pingouin.compute_effsize(SLEEP_1, SLEEP_2, paired=True, eftype="cohen"), rel=1e-2)
+    pooled = pingouin.compute_effsize(SLEEP_1, SLEEP_2, eftype="cohen")
+    assert statistics.two_sample_t(SLEEP_1, SLEEP_2).d == pytest.approx(pooled, rel=1e-9)
+
+
+def test_holm_by_hand_and_by_another_library() -> None:
+    p = [0.01, 0.04, 0.03, 0.005]
+    assert statistics.holm(p) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert statistics.holm(p) == pytest.approx(list(importlib.import_module("pingouin").multicomp(p, method="holm")[1]))
     assert statistics.holm([]) == []
 
 

@@ -52,7 +52,8 @@ def main(argv: Sequence[str]) -> int:
             raise StudyError(f"nothing begins with {', '.join(options.names)}; there are: {', '.join(there)}")
         if options.seeds is not None and options.seeds < 1:
             raise StudyError(f"seeds: {options.seeds} is not allowed; it must be at least 1")
-        _measure({name: there[name] for name in chosen}, options, complete=len(chosen) == len(there))
+        left = {measurement.table for name, measurement in there.items() if name not in chosen}
+        _measure({name: there[name] for name in chosen}, options, left)
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -80,7 +81,8 @@ def _claim(name: str, options: Options) -> list[Row]:
     return [(name, claim.wanted, measured, f"{what}; {seeds}")]
 
 
-def _measure(chosen: dict[str, Measurement], options: argparse.Namespace, complete: bool) -> None:
+def _measure(chosen: dict[str, Measurement], options: argparse.Namespace, left: set[str]) -> None:
+    """``left``: tables that have rows besides."""
     folder = options.out if options.seeds is None else options.out / f"first_{options.seeds}"
     settings = Options(folder, options.seeds, options.workers)
     journal = folder / "journal.jsonl"
@@ -104,7 +106,7 @@ def _measure(chosen: dict[str, Measurement], options: argparse.Namespace, comple
     print(f"{len(chosen)} measured in {time.monotonic() - begin:.0f} s; tables and figures of each run: {folder}")
     if options.seeds is None:
         page = options.page or Path(os.environ.get("RIG_ROOT", ".")) / "docs" / "results.md"
-        update(page, tables, complete=complete)
+        update(page, tables, whole=tables.keys() - left)
         print(f"written: {page}")
 
 

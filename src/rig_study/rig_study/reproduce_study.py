@@ -100,10 +100,14 @@ def _power(options: Options) -> list[Row]:
     return [("power of group x set, RMS error, d = 0.8", "reported", said)]
 
 
-def _judges(options: Options) -> list[Row]:
-    sweep = load_sweep("judges")
+def _jobs_of(name: str, options: Options) -> list[Job]:
+    sweep = load_sweep(name)
     config = replace(sweep.config, trials=options.at_most(sweep.config.trials))
-    trials = options.run(sweep_jobs(replace(sweep, config=config)), "judges")
+    return sweep_jobs(replace(sweep, config=config))
+
+
+def _judges(options: Options) -> list[Row]:
+    trials = options.run(_jobs_of("judges", options), "judges")
     rows = []
     for _, its in trials.groupby("point"):
         first = its.iloc[0]
@@ -127,6 +131,11 @@ def _example(options: Options) -> list[Row]:
     return []
 
 
+def _slip_judges(options: Options) -> list[Row]:
+    options.run(_jobs_of("slip_judges", options), "slip_judges")
+    return []
+
+
 def _convergence(options: Options) -> list[Row]:
     options.run(montecarlo_jobs(_CONVERGENCE, options.at_most(100), 0, 5), "convergence")
     return []
@@ -146,5 +155,6 @@ MEASUREMENTS: dict[str, Measurement] = {
     "study/judges": Measurement("judges", _judges),
     "figures/example trial": Measurement("", _example),
     "figures/convergence": Measurement("", _convergence),
+    "figures/slip judges": Measurement("", _slip_judges),
     **{f"figures/slip {user}": Measurement("", lambda options, user=user: _slip(user, options)) for user in _SLIP},
 }

@@ -12,7 +12,7 @@ The first cell names a row. A row that is measured again is replaced where it st
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from rig_study.declared import StudyError
@@ -29,12 +29,12 @@ def line(row: Row) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
 
 
-def update(page: Path, tables: Mapping[str, Sequence[Row]], *, complete: bool = False) -> None:
+def update(page: Path, tables: Mapping[str, Sequence[Row]], *, whole: Collection[str] = ()) -> None:
     """Put rows into the page's tables.
 
     Parameters
     ----------
-    complete: they are all there is; rows of other names are of claims that are no more, and go.
+    whole: tables of which these are all rows; what else stands in them is of claims that are no more, and goes.
 
     Raises
     ------
@@ -48,7 +48,8 @@ def update(page: Path, tables: Mapping[str, Sequence[Row]], *, complete: bool = 
 
         def replaced(found: re.Match[str]) -> str:
             head, rows = found["body"].splitlines()[:2], found["body"].splitlines()[2:]
-            body = [*head, *_merged(rows, [line(row) for row in tables.get(found["name"], ())], complete)]
+            new = [line(row) for row in tables.get(found["name"], ())]
+            body = [*head, *(new if found["name"] in whole else _merged(rows, new))]
             return found[1] + "".join(f"{row}\n" for row in body) + found[4]
 
         partial = page.with_suffix(".partial")
@@ -58,9 +59,7 @@ def update(page: Path, tables: Mapping[str, Sequence[Row]], *, complete: bool = 
         raise StudyError(f"{page}: {error.strerror or error}") from None
 
 
-def _merged(there: Sequence[str], new: Sequence[str], complete: bool) -> list[str]:
-    if complete:
-        return list(new)
+def _merged(there: Sequence[str], new: Sequence[str]) -> list[str]:
     rows = {_name(row): row for row in there} | {_name(row): row for row in new}
     return list(rows.values())
 
