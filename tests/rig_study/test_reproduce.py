@@ -91,7 +91,7 @@ def test_what_is_measured_is_not_measured_again_until_the_sources_change(
     assert reproduce_cli.main(["a/1", "--seeds", "3", *common]) == 0
     assert "| a/1 | w | m3 | x |" in capsys.readouterr().out
     assert page.read_text() == before
-    monkeypatch.setattr(reproduce_cli, "_sources", lambda: "other")
+    monkeypatch.setattr(reproduce_cli, "_sources", lambda study: "other")
     assert reproduce_cli.main(["b", *common]) == 0
     assert ran[-1] == "b"
     assert reproduce_cli.main(["c", *common]) == 2

@@ -90,7 +90,7 @@ def _measure(chosen: dict[str, Measurement], options: argparse.Namespace, left: 
     done, tables = _read(journal), dict[str, list[Row]]()
     begin = time.monotonic()
     for number, (name, measurement) in enumerate(chosen.items(), 1):
-        key = f"{name}:{_sources()}"
+        key = f"{name}:{_sources(name in MEASUREMENTS)}"
         if key in done:
             rows, took = done[key], "measured before"
         else:
@@ -125,8 +125,9 @@ def _read(journal: Path) -> dict[str, list[Row]]:
 
 
 @functools.cache
-def _sources() -> str:
-    """Of all that a figure depends on: the science, this package, the configuration."""
+def _sources(study: bool) -> str:
+    """Of all that a figure depends on: the science, the configuration, and this package where it is one of a study."""
     package, config = Path(rig_study.__file__).parent, find(reproduce.CLAIMS["cart/noise/off"].base).parent
-    parts = science(), digest(package.rglob("*.py"), package), digest(config.rglob("*.yaml"), config)
+    parts = [science(), digest(config.rglob("*.yaml"), config)]
+    parts += [digest(package.rglob("*.py"), package)] if study else []
     return "".join(part[:8] for part in parts)

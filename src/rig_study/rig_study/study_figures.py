@@ -98,7 +98,8 @@ def rejection_and_skill(trials: pd.DataFrame, first: str) -> Figure | None:
     if np.ptp(x) > 0.0:
         slope, offset = np.polyfit(x, y, 1)
         ends = np.array([x.min(), x.max()])
-        ax.plot(ends, offset + slope * ends, color=LINES[2], lw=2, label=f"least squares, slope {slope:.2f}")
+        r = np.corrcoef(x, y)[0, 1]
+        ax.plot(ends, offset + slope * ends, color=LINES[2], lw=2, label=f"least squares, r = {r:.2f}")
     ax.set_xlabel(f"success rate in {first}, without filter")
     ax.set_ylabel("PRA under the filter")
     ax.legend(frameon=False)
