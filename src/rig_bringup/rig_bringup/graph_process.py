@@ -31,6 +31,8 @@ class GraphProcess:
             preexec_fn=_end_with_parent,  # noqa: PLW1509 it takes no lock
         )
         self.log = log
+        #: Whether it had to be killed, because it did not end when it was asked to.
+        self.killed = False
 
     def __enter__(self) -> GraphProcess:
         return self
@@ -73,6 +75,7 @@ class GraphProcess:
         return [pid for pid in pids if _session_of(pid) == self._process.pid]
 
     def _kill_session(self) -> None:
+        self.killed = True
         for pid in self.left():
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)

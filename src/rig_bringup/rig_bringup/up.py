@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from ament_index_python.packages import get_package_prefix
+
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.interrupts import Interrupts
@@ -234,7 +236,9 @@ def graph_command(compose: bool, files: list[Path], namespace: str) -> list[str]
         script = Path(os.environ["RIG_ROOT"]) / "ros2_ws" / "scripts" / "start_graph.sh"
         return [str(script), *map(str, files)]
     parameters = [part for file in files for part in ("--params-file", str(file))]
-    return ["ros2", "run", "rig_bringup", "compose", "--ros-args", "-r", f"__ns:=/{namespace}", *parameters]
+    # Without `ros2 run`: that of ros2cli stays in between and passes no signal on.
+    executable = Path(get_package_prefix("rig_bringup")) / "lib" / "rig_bringup" / "compose"
+    return [str(executable), "--ros-args", "-r", f"__ns:=/{namespace}", *parameters]
 
 
 def scheduling(pacing: str) -> dict[str, str]:
@@ -248,12 +252,14 @@ def _run(arguments: argparse.Namespace, files: list[Path], out: Path, pacing: st
         # By the environment, since the files of a run are kept and a token is not to be.
         environment |= {"RIG_USER": "display", "RIG_DISPLAY_TOKEN": arguments.token or ""}
     command = graph_command(arguments.compose, files, arguments.namespace)
+    graph = GraphProcess(command, out / "graph.log", environment)
     try:
-        with GraphProcess(command, out / "graph.log", environment) as graph:
+        with graph:
             return _watch(graph, arguments.namespace, sampler)
     except KeyboardInterrupt:
         _line_end()
-        print("interrupted: the graph has ended and the bag is closed", file=sys.stderr)
+        how = "was killed, for it did not end; see ./rig bag repair" if graph.killed else "has ended, the bag is closed"
+        print(f"interrupted: the graph {how}", file=sys.stderr)
         return 130
 
 
