@@ -241,7 +241,7 @@ def example(trial: Example) -> Figure:
     top.step(trial.time, trial.control, where="post", color="#999999", lw=0.7, label="user, not allowed")
     allowed = np.where(trial.accepted, trial.control, np.nan)
     top.step(trial.time, allowed, where="post", color=VERDICT_COLOURS[2], lw=1.6, label="user, allowed")
-    label(top, trial.names[0], trial.units[0])
+    label(top, trial.names[0].replace("_", " "), trial.units[0])
     sample = trial.time[1] - trial.time[0] if len(trial.time) > 1 else 0.0
     for first, last in spans(trial.success):
         bottom.axvspan(trial.time[first], trial.time[last - 1] + sample, color=SUCCESS, lw=0)
@@ -252,7 +252,8 @@ def example(trial: Example) -> Figure:
         bottom.set_yticks([-np.pi, 0.0, np.pi], ["-\u03c0", "0", "\u03c0"])
     label(bottom, trial.names[1], trial.units[1])
     bottom.set_xlabel("trial time [s]")
-    bottom.margins(x=0.0)
+    for ax in (top, bottom):
+        ax.margins(x=0.0)
     handles, labels = top.get_legend_handles_labels()
     handles.append(Patch(color=SUCCESS))
     figure.legend(handles, [*labels, "in the success region"], loc="outside upper right", ncols=3, frameon=False)
