@@ -15,6 +15,10 @@ from rows import BenchError
 
 _SOURCES = Path(__file__).parent / "c"
 
+#: The kernels have the pieces of a step taken in, so the C versions must have them too: left to itself gcc calls them.
+_LIMITS = ("max-inline-insns-auto", "max-inline-insns-single", "inline-unit-growth", "large-function-growth")
+_OPTIONS = ("-O3", "-march=native", *(f"--param={limit}=3000" for limit in _LIMITS))
+
 
 @contextmanager
 def library(name: str) -> Iterator[ctypes.CDLL]:
@@ -37,7 +41,7 @@ def _compiled(name: str, *options: str) -> Iterator[Path]:
         raise BenchError("no C compiler found: install gcc or set CC")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
-        command = [compiler, "-O3", "-march=native", *options, "-o", str(path), str(_SOURCES / f"{name}.c"), "-lm"]
+        command = [compiler, *_OPTIONS, *options, "-o", str(path), str(_SOURCES / f"{name}.c"), "-lm"]
         try:
             result = subprocess.run(command, capture_output=True, text=True, check=False)
         except OSError as error:
