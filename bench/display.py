@@ -149,7 +149,7 @@ def _person(browser: Any, watchers: int) -> Trial:
             _until(lambda: watcher.phase >= TrialState.PHASE_RUNNING, graph, lambda s: page.wait_for_timeout(1e3 * s))
             moves = _drag(page, watcher)
             _until(lambda: watcher.monitor.over, graph, lambda s: page.wait_for_timeout(1e3 * s))
-            said = watcher.monitor.values["display"]
+            said = watcher.monitor.values["/rig/display"]
             assert watcher.monitor.trial is not None
             return Trial(
                 watcher.monitor.trial.missed_deadlines,

@@ -100,6 +100,42 @@ def test_a_page_that_is_gone_pushes_nothing_and_its_seat_is_free(bench: Callable
     at.until_force(-30.0)
 
 
+def test_many_watch_and_one_drives(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("max_clients:=11")
+    page, watchers = drive(at, web), [web.page(at.node) for _ in range(10)]
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        web.page(at.node)
+    assert refused.value.status == 503
+    page.hold(10.0)
+    for watcher in watchers:
+        watcher.push(-30.0)
+    at.until_force(10.0)
+    at.until(lambda: all(watcher.ticks and watcher.ticks[-1][7] == [10.0, 0.0, 0.0] for watcher in watchers))
+    assert {watcher.status["driving"] for watcher in watchers} == {False}
+    assert page.status["watchers"] == 10
+    # Whoever watches may stop.
+    watchers[3].say("stop")
+    at.until_force(0.0)
+    at.until(lambda: page.status["hand"]["stopped"] == "a watcher")
+
+
+def test_what_is_recorded_holds_the_latencies(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    heard: list[DiagnosticStatus] = []
+    at.graph.node.create_subscription(DiagnosticArray, "/diagnostics", lambda array: heard.extend(array.status), 10)
+    page = drive(at, web)
+    page.say("stats", rtt=2.0, drawn50=11.0, drawn99=21.0, drawnmax=31.0, fps=60.0)
+    page.hold(10.0)
+    at.until_force(10.0)
+
+    def said() -> dict[str, str]:
+        ours = [status for status in heard if status.name == "/rig/display"]
+        return {pair.key: pair.value for pair in ours[-1].values} if ours else {}
+
+    at.until(lambda: said().get("state to drawn p99 [ms]") == "21.0")
+    at.until(lambda: float(said()["pointer to wrench p50 [ms]"]) > 0.0)
+
+
 def test_the_emergency_stop_holds_until_it_is_released(bench: Callable[..., Any], web: Web) -> None:
     at = bench("driver_starts:=false")
     page, operator = drive(at, web), web.page(at.node, operator=True)
