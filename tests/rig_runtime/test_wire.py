@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from typing import Any
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from rig_runtime import topics
-from rig_runtime.wire import stamp_of
+from rig_runtime.wire import LAST_SECOND, MalformedError, decode, stamp_of
 
 LENGTHS: dict[Any, dict[str, int]] = {
     topics.TASK_STATE: {"state": 5, "control": 2},
@@ -38,7 +39,7 @@ def _fill(message: Any, draw: Any, lengths: dict[str, int]) -> None:
         elif kind == "boolean":
             setattr(message, name, draw(st.booleans()))
         elif kind == "int32":
-            setattr(message, name, draw(st.integers(-(2**31), 2**31 - 1)))
+            setattr(message, name, draw(st.integers(0, LAST_SECOND)))
         elif kind in INTEGERS:
             setattr(message, name, draw(st.integers(0, INTEGERS[kind])))
         elif kind == "sequence<double>":
@@ -141,3 +142,34 @@ def test_a_stamp_is_taken_over() -> None:
     assert second.stamp == first.stamp
     stamp = deserialize_message(second.data, topics.WRENCH.type).header.stamp
     assert (stamp.sec, stamp.nanosec) == (1_732_500_000, 123_456_789)
+
+
+@given(st.binary(max_size=200))
+def test_bytes_of_any_length_are_a_message_or_malformed(data: bytes) -> None:
+    wire = topics.WRENCH.wire()
+    for take in (wire.load, wire.check, stamp_of, lambda data: decode(data, topics.WRENCH.type)):
+        with contextlib.suppress(MalformedError):
+            take(data)
+
+
+@given(sec=st.integers(-(2**31), 2**31 - 1), nanosec=st.integers(0, 2**32 - 1))
+def test_a_stamp_is_a_time_or_malformed(sec: int, nanosec: int) -> None:
+    data = b"\0\1\0\0" + struct.pack("<iI", sec, nanosec)
+    if 0 <= sec <= LAST_SECOND and nanosec < 10**9:
+        assert stamp_of(data) == sec * 10**9 + nanosec
+    else:
+        with pytest.raises(MalformedError, match="no stamp"):
+            stamp_of(data)
+
+
+def test_a_cut_message_is_malformed_and_leaves_what_was_loaded() -> None:
+    wire = topics.TASK_STATE.wire(state=4, control=1)
+    wire["tick"] = 7
+    whole = wire.data
+    for length in range(len(whole)):
+        with pytest.raises(MalformedError):
+            wire.check(whole[:length])
+        with pytest.raises(MalformedError):
+            wire.load(whole[:length])
+        assert wire["tick"] == 7
+    wire.check(whole)

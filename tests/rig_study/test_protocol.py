@@ -131,7 +131,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"'papr' is neither a file nor a name.*paper"):
         load_protocol("papr")
     (tmp_path / "bad.yaml").write_text("study: [1,\n")
-    with pytest.raises(StudyError, match=r"bad.yaml, line \d: not valid YAML"):
+    with pytest.raises(StudyError, match=r"bad.yaml, line \d, column \d: not valid YAML"):
         load_protocol(tmp_path / "bad.yaml")
     (tmp_path / "odd.yaml").write_text("studdy: {}\n")
     with pytest.raises(StudyError, match="unknown section studdy; did you mean study"):

@@ -18,6 +18,9 @@ from rig_runtime.ticks import to_nanoseconds
 from shared_control.loop import make_robot
 from shared_control.scenario import AdmittanceConfig, LoopConfig, Scenario
 
+#: [ticks] That a command may be ahead by, besides the time that has passed.
+_LEAD = 100
+
 CONFIGURATIONS = (LoopConfig, AdmittanceConfig)
 
 
@@ -39,7 +42,7 @@ class AdmittanceSimNode(RigNode):
         self._sample_time = loop.sample_time
         self._realtime = loop.pacing == "realtime"
         self._silence = Silence(loop.command_timeout)
-        self._lost_at = 0
+        self._lost_at = self._armed_at = 0
         self._timeout = to_nanoseconds(loop.command_timeout)
         self._looked = 0  # [ns] when the watchdog last looked; 0 before it does
         self._latch: FaultLatch[str] = FaultLatch(loop.recovery == "explicit")
@@ -57,6 +60,7 @@ class AdmittanceSimNode(RigNode):
 
     def arm(self, trial: TrialState) -> None:
         self._agent.reset()
+        self._armed_at = time.monotonic_ns()
         self._dropped = self._gaps = self._losses = 0
         self._silence.heard()
         self._latch.clear()
@@ -112,14 +116,17 @@ class AdmittanceSimNode(RigNode):
         begin = time.monotonic_ns()
         if self._looked:
             self._notice_sleep(begin)
-        self._silence.heard()
         command = self._command
         command.load(data)
         tick = self.tick_of(command.stamp)
-        # To catch up with a stamp further ahead than the trial is long would only hold up what is true.
-        if tick is None or not 0 <= tick - self.ticks_done <= self.trial.ticks_planned:
+        self._silence.heard()
+        # To catch up with a stamp that is further ahead than time can be would only hold up what is true.
+        if tick is None or not 0 <= tick - self.ticks_done <= self._most_ahead():
             self._dropped += 1
             return
+        if not self.ticks_done:
+            # Started again in the middle of a trial: under no force it would still be at rest.
+            self.ticks_done, self._gaps = tick, tick
         while self.ticks_done < tick:
             # Nothing was admitted for these ticks, and the robot has moved on under no force.
             self._agent.step(self._zero)
@@ -131,6 +138,12 @@ class AdmittanceSimNode(RigNode):
             self._latch.hold("the command is not finite")
             force = self._zero
         self._move(tick, force if self._latch.kept is None else self._zero, begin)
+
+    def _most_ahead(self) -> int:
+        """[ticks] How far a command may be ahead of the robot."""
+        if not self.ticks_done:
+            return self.trial.ticks_planned
+        return _LEAD + int(1e-9 * (time.monotonic_ns() - self._armed_at) / self._sample_time)
 
     def _move(self, tick: int, force: npt.NDArray[np.float64], begin: int = 0) -> None:
         assert self.clock is not None

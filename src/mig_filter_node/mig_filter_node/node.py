@@ -107,6 +107,7 @@ class MigFilterNode(RigNode):
 
     def _on_state(self, data: bytes) -> None:
         now, stamp = time.monotonic_ns(), stamp_of(data)
+        self._state.check(data)
         self._newest_state = max(self._newest_state, stamp)
         for tick in self._matcher.put_left(stamp, data, now):
             self._decide(tick)
@@ -115,8 +116,9 @@ class MigFilterNode(RigNode):
             self._give_up(now + 1)
 
     def _on_wrench(self, data: bytes) -> None:
-        self._wrench_silence.heard()
         stamp = stamp_of(data)
+        self._wrench.check(data)
+        self._wrench_silence.heard()
         if self._realtime and stamp - self._newest_state > self._timeout and self._newest_state >= 0:
             # It may overtake its state on the other topic, but nobody answers a state that is so far from being there.
             self._ahead += 1

@@ -18,6 +18,10 @@ from rig_bag.writer import BagWriter
 __all__ = ["open_bag", "place_of"]
 
 
+#: [bytes] Of each word in a bag's name: with two of them a file's name stays within the 255 that systems take.
+_LONGEST = 80
+
+
 def open_bag(path: str | os.PathLike[str], attachments: Iterable[str] = ()) -> BagWriter:
     """A bag at ``path`` with the files attached.
 
@@ -42,11 +46,15 @@ def place_of(trial: Trial, folder: Path) -> Path:
     """A trial's own bag in a folder: subject, set, trial, attempt; if nobody counts these, the first that is free."""
     words = [word for word in (trial.subject or "trial", trial.set, f"{trial.trial:03d}") if word]
     # What a service call carries becomes the name of a directory, and nothing else.
-    stem = "_".join(re.sub(r"[^\w-]", "-", word) for word in words)
+    stem = "_".join(_fit(re.sub(r"[^\w-]", "-", word)) for word in words)
     if trial.attempt:
         return folder / f"{stem}_a{trial.attempt}"
     places = (folder / f"{stem}_a{attempt}" for attempt in itertools.count(1))
     return next(place for place in places if not place.exists())
+
+
+def _fit(word: str) -> str:
+    return word.encode()[:_LONGEST].decode(errors="ignore")
 
 
 def _surroundings() -> dict[str, str]:

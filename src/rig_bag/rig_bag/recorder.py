@@ -19,7 +19,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from mig_interfaces.msg import NodeReport, RecorderState, TrialState
@@ -32,6 +31,7 @@ from rig_bag.recording import Recording, Trial
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
+from rig_runtime.wire import decode
 from shared_control.parameters import ParameterError
 from shared_control.scenario import LoopConfig
 
@@ -239,7 +239,7 @@ class RecorderNode(RigNode):
                 self._fail(error)
 
         def take_trial(data: bytes) -> None:
-            message = deserialize_message(data, TrialState)
+            message = decode(data, TrialState)
             if self._splits:
                 self._begin_trial(Trial.from_message(message))
             take(data)

@@ -21,6 +21,7 @@ __all__ = ["Recording", "Stream", "Trial"]
 _unpack_little = struct.Struct("<iI").unpack_from
 _unpack_big = struct.Struct(">iI").unpack_from
 _SECOND = 1_000_000_000
+_END_OF_STAMP = 12
 #: Messages held back in lockstep until the first tick gives them a log time.
 _PENDING_LIMIT = 100_000
 
@@ -105,7 +106,7 @@ class Recording:
         BagError: the bag cannot take it (full disk, closed).
         """
         stamp = -1
-        if stream.stamped:
+        if stream.stamped and len(data) >= _END_OF_STAMP:  # what is malformed is recorded too, as it came
             seconds, nanoseconds = _unpack_little(data, 4) if data[1] else _unpack_big(data, 4)
             stamp = seconds * _SECOND + nanoseconds
         ticks = stream.ticks

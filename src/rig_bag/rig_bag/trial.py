@@ -88,6 +88,11 @@ class Trial:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             result[name] = ",".join(value) if isinstance(value, tuple) else str(value)
-        result["phase"] = ("idle", "arming", "running", "finished", "aborted")[self.phase]
-        result["pacing"] = ("realtime", "lockstep")[self.pacing]
+        result["phase"] = _word(self.phase, "idle", "arming", "running", "finished", "aborted")
+        result["pacing"] = _word(self.pacing, "realtime", "lockstep")
         return result
+
+
+def _word(number: int, *words: str) -> str:
+    """Of a number that has none, which a damaged or a foreign message may hold, the number."""
+    return words[number] if number < len(words) else str(number)

@@ -21,6 +21,7 @@ _COMMANDS = {
     "reproduce": ("rig_study.reproduce_cli", "main"),
     "soak": ("rig_bringup.soak", "main"),
     "faults": ("rig_bringup.faults.cli", "main"),
+    "fuzz": ("rig_bringup.__main__", "fuzz"),
     "bench": ("rig_bringup.__main__", "bench"),
     "analyze": ("rig_study.analyze_cli", "main"),
 }
@@ -56,6 +57,12 @@ def bench(arguments: list[str]) -> int:
     """`./rig bench`: becomes the checkout's own measurements, which are not installed."""
     suite = Path(os.environ["RIG_ROOT"]) / "bench" / "suite.py"
     os.execv(sys.executable, [sys.executable, str(suite), *arguments])
+
+
+def fuzz(arguments: list[str]) -> int:
+    """`./rig fuzz`: becomes the checkout's own, as `bench` does."""
+    where = Path(os.environ["RIG_ROOT"]) / "tests" / "fuzz"
+    os.execv(sys.executable, [sys.executable, str(where), *arguments])
 
 
 def trial_of(bag: str) -> str:

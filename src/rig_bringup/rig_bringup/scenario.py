@@ -14,6 +14,7 @@ import yaml
 from rig_bag.configuration import RecorderConfig
 from rig_display.parameters import DisplayConfig
 from shared_control import scenario as science
+from shared_control import yaml_text
 from shared_control.parameters import ParameterError, build
 from shared_control.scenario import LoopConfig, Scenario, ScenarioError
 
@@ -106,8 +107,11 @@ def use_shipped_scenarios() -> None:
 
 
 def _section(path: Path, section: str, configuration: type) -> dict[str, Any]:
-    body = (yaml.safe_load(path.read_text()) or {}).get(section) or {}
-    values = dict(body.get("ros__parameters") or {})
+    content = yaml_text.read(path)[1] or {}
+    body = content.get(section) or {}
+    if not isinstance(body, Mapping) or not isinstance(body.get("ros__parameters") or {}, Mapping):
+        raise ParameterError(f"{path}: section {section}: must hold ros__parameters, a mapping of keys to values")
+    values = {str(key): value for key, value in (body.get("ros__parameters") or {}).items()}
     build(configuration, values, f"{path}: section {section}")
     return values
 

@@ -9,6 +9,7 @@ from typing import Any
 from mig_interfaces.msg import FilterDecision, RecorderState, SessionState, TaskState, TrialState
 from rig_display.hand import Sample
 from rig_display.protocol import finite_or_none
+from rig_runtime.wire import MalformedError
 
 __all__ = ["Feed"]
 
@@ -48,7 +49,7 @@ class Feed:
         self._states.append(
             [
                 state.tick,
-                round(state.time, 6),
+                finite_or_none(round(state.time, 6)),
                 state.mode,
                 flags,
                 state.missed_deadlines,
@@ -61,7 +62,14 @@ class Feed:
         self.wake()
 
     def put_decision(self, decision: FilterDecision) -> None:
-        """What the filter made of a tick."""
+        """What the filter made of a tick.
+
+        Raises
+        ------
+        MalformedError: a mode that no filter has.
+        """
+        if decision.mode >= len(_MODES):
+            raise MalformedError(f"there is no mode {decision.mode}")
         self.mode = _MODES[decision.mode]
         added = decision.admitted_force
         self._decisions.append(
@@ -70,10 +78,10 @@ class Feed:
                 decision.verdict,
                 decision.reason,
                 finite_or_none(decision.criterion),
-                decision.threshold,
+                finite_or_none(decision.threshold),
                 _rounded((added.x, added.y, added.z)),
-                round(1e3 * decision.compute_time, 3),
-                round(1e3 * decision.wrench_age, 3),
+                finite_or_none(round(1e3 * decision.compute_time, 3)),
+                finite_or_none(round(1e3 * decision.wrench_age, 3)),
             ]
         )
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -18,17 +19,21 @@ from std_srvs.srv import Trigger
 from mig_interfaces.msg import NodeReport, TrialState
 from rig_runtime import topics
 from rig_runtime.faults import FaultLatch, in_words
-from rig_runtime.parameters import NodeParameters
+from rig_runtime.parameters import NodeParameters, refuse_unknown_types
 from rig_runtime.realtime import collect_garbage
 from rig_runtime.stages import StageTimes
 from rig_runtime.ticks import NANOSECONDS, TickClock, from_stamp
 from rig_runtime.topics import Topic
+from rig_runtime.wire import LAST_SECOND, MalformedError
 
 #: [s] How often matched endpoints are looked at while a trial is being armed.
 _REPORT_PERIOD = 0.05
 
 #: Reports are repeated at this many periods, so that the pacemaker can tell a silent node from a finished one.
 _REPEAT_EVERY = 10
+
+#: [ns] A day, the longest trial.
+_LONGEST = 86_400 * NANOSECONDS
 
 
 class RigNode(Node):
@@ -52,6 +57,8 @@ class RigNode(Node):
         self.exit_code = 0
         #: When this node's part of each tick began and what it took, where wall time paces the trial.
         self.stage = StageTimes()
+        #: Messages that were malformed and not taken.
+        self.refused = 0
         #: How the process is scheduled, for diagnostics; set by `rig_runtime.run`.
         self.scheduling = "not by rig_runtime.run"
         self._publishers_of_loop: dict[str, Publisher[Any]] = {}
@@ -86,6 +93,24 @@ class RigNode(Node):
         """Called once, between two callbacks, before the node is destroyed."""
 
     # -- endpoints -----------------------------------------------------------------------------------------------
+
+    def create_subscription(self, msg_type: Any, topic: str, callback: Any, *args: Any, **kwargs: Any) -> Any:
+        """As rclpy's; but a message that the callback finds malformed is counted, and ends nothing."""
+
+        def take(message: Any) -> None:
+            try:
+                callback(message)
+            except MalformedError as error:
+                self.refused += 1
+                self.get_logger().warning(f"{topic}: not taken: {error}", throttle_duration_sec=1.0)
+
+        return super().create_subscription(msg_type, topic, take, *args, **kwargs)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **kwargs: Any) -> Any:
+        """As rclpy's; but rclpy's own parameter services refuse what has a type that there is not."""
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = refuse_unknown_types(callback)
+        return super().create_service(srv_type, srv_name, callback, **kwargs)
 
     def loop_publisher(self, topic: Topic) -> Publisher[Any]:
         """Open a publisher that the readiness proof covers."""
@@ -136,7 +161,13 @@ class RigNode(Node):
     # -- trials --------------------------------------------------------------------------------------------------
 
     def follow_trial(self, trial: TrialState) -> None:
-        """Take note of the trial's state; whoever does not follow the topic calls this."""
+        """Take note of the trial's state; whoever does not follow the topic calls this.
+
+        Raises
+        ------
+        MalformedError: no pacemaker says this.
+        """
+        _check_trial(trial)
         was = self.trial
         self.trial = trial
         if trial.phase in (TrialState.PHASE_ARMING, TrialState.PHASE_RUNNING) and trial.uid != self.armed_uid:
@@ -199,7 +230,7 @@ class RigNode(Node):
     def publish_diagnostics(self) -> None:
         """Publish what :meth:`diagnose` says; a timer does it once a second."""
         level, message, values = self.diagnose()
-        values = {**values, **self.stage.values(), "scheduling": self.scheduling}
+        values = {**values, **self.stage.values(), "malformed messages": self.refused, "scheduling": self.scheduling}
         status = DiagnosticStatus(
             level=level,
             name=self.get_fully_qualified_name(),
@@ -210,3 +241,13 @@ class RigNode(Node):
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
+
+
+def _check_trial(trial: TrialState) -> None:
+    sample = trial.sample_time.sec * NANOSECONDS + trial.sample_time.nanosec
+    if trial.phase > TrialState.PHASE_ABORTED:
+        raise MalformedError(f"there is no phase {trial.phase}")
+    if trial.phase != TrialState.PHASE_IDLE and not 0 < sample * (trial.ticks_planned or 1) <= _LONGEST + sample:
+        raise MalformedError(f"{trial.ticks_planned} ticks of {sample} ns are no trial")
+    if not (0 <= trial.epoch.sec <= LAST_SECOND and trial.epoch.nanosec < NANOSECONDS):
+        raise MalformedError(f"{trial.epoch.sec} s and {trial.epoch.nanosec} ns are no beginning of a trial")

@@ -11,7 +11,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from shared_control.parameters import Declaration, ParameterError, build, declarations
+from shared_control.parameters import Declaration, ParameterError, build, declarations, shown
 
 T = TypeVar("T")
 
@@ -83,6 +83,24 @@ def _declare_empty(node: Node, declaration: Declaration) -> Any:
         node.set_parameters([Parameter(declaration.name, kind, [])])
     node.set_descriptor(declaration.name, descriptor(declaration))
     return node.get_parameter(declaration.name).value
+
+
+def refuse_unknown_types(serve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """rclpy's callback of `set_parameters`, which would end the node at a value of a type that there is not."""
+
+    def refuse(request: Any, response: Any) -> Any:
+        unknown = [given for given in request.parameters if given.value.type > ParameterType.PARAMETER_STRING_ARRAY]
+        if not unknown:
+            return serve(request, response)
+        reason = f"{shown(unknown[0].name)}: there is no type {unknown[0].value.type}; nothing was changed"
+        result = SetParametersResult(successful=False, reason=reason)
+        if hasattr(response, "results"):
+            response.results = [result] * len(request.parameters)
+        else:
+            response.result = result
+        return response
+
+    return refuse
 
 
 class NodeParameters:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from rclpy.serialization import deserialize_message, serialize_message
 
-__all__ = ["WireMessage", "stamp_of"]
+__all__ = ["MalformedError", "WireMessage", "decode", "stamp_of"]
 
 _NUMBERS = {
     "boolean": "?",
@@ -41,12 +41,42 @@ _SECOND = 1_000_000_000
 _LITTLE = sys.byteorder == "little"
 _STAMP = struct.Struct("=iI")
 _LITTLE_STAMP, _BIG_STAMP = struct.Struct("<iI"), struct.Struct(">iI")
+_END_OF_STAMP = _BEGIN + _STAMP.size
+
+#: [s] Of a stamp; a day before the end of a ROS time's 32 bits, so that a trial that begins there can be counted.
+LAST_SECOND = 2**31 - 1 - 86_400
+
+
+class MalformedError(ValueError):
+    """A message that no node of the rig sends: not to be taken, and no reason to end."""
 
 
 def stamp_of(data: bytes | bytearray) -> int:
-    """The stamp [ns] of a serialised message that begins with a header."""
+    """The stamp [ns] of a serialised message that begins with a header.
+
+    Raises
+    ------
+    MalformedError: too short, or no time.
+    """
+    if len(data) < _END_OF_STAMP:
+        raise MalformedError(f"{len(data)} bytes are no message with a stamp")
     sec, nanosec = (_LITTLE_STAMP if data[1] & 1 else _BIG_STAMP).unpack_from(data, _BEGIN)
+    if not (0 <= sec <= LAST_SECOND and nanosec < _SECOND):
+        raise MalformedError(f"{sec} s and {nanosec} ns are no stamp")
     return int(sec) * _SECOND + int(nanosec)
+
+
+def decode(data: bytes, type_: Any) -> Any:
+    """A serialised message as an object.
+
+    Raises
+    ------
+    MalformedError: these bytes are no message of this type.
+    """
+    try:
+        return deserialize_message(data, type_)
+    except RuntimeError as error:  # rclpy's RMWError is one
+        raise MalformedError(f"{len(data)} bytes are no {type_.__name__}: {str(error)[:200]}") from None
 
 
 class WireMessage:
@@ -121,13 +151,30 @@ class WireMessage:
         """Take a message; whether its frame is the expected one.
 
         A sequence that has not the expected length comes out as NaN (numbers that are none as zero).
+
+        Raises
+        ------
+        MalformedError: as :func:`decode`.
         """
-        if len(data) == len(self._empty) and int.from_bytes(data, "little") & self._fixed == self._layout:
+        if self._fits(data):
             self._bytes[:] = data
             return True
-        return self._load_object(deserialize_message(data, self._type))
+        return self._load_object(decode(data, self._type))
+
+    def check(self, data: bytes) -> None:
+        """Whether :meth:`load` can take a message that is to be kept until then.
+
+        Raises
+        ------
+        MalformedError: it cannot.
+        """
+        if not self._fits(data):
+            decode(data, self._type)
 
     # -- inside ------------------------------------------------------------------------------------------------------
+
+    def _fits(self, data: bytes) -> bool:
+        return len(data) == len(self._empty) and int.from_bytes(data, "little") & self._fixed == self._layout
 
     def _load_object(self, message: Any) -> bool:
         for path, field in self._fields.items():

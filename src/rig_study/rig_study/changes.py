@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-import yaml
-
 from shared_control import scenario as science
+from shared_control import yaml_text
 from shared_control.admittance import AdmittanceConfig
 from shared_control.filter import FilterConfig
-from shared_control.parameters import build, declarations
+from shared_control.parameters import ParameterError, build, declarations
 from shared_control.scenario import LoopConfig, Scenario, ScenarioError, TaskConfig
 from shared_control.users import UserConfig
 
@@ -54,7 +53,10 @@ def apply(scenario: Scenario, changes: Mapping[str, Any], where: str) -> Scenari
     for node, given in values.items():
         part, cls = PARTS[node]
         scenario = replace(scenario, **{part: build(cls, {**asdict(getattr(scenario, part)), **given}, where)})
-    science.check(scenario)
+    try:
+        science.check(scenario)
+    except ParameterError as error:
+        raise ScenarioError(f"{where}: {error}") from None
     return scenario
 
 
@@ -70,6 +72,6 @@ def value_from_text(name: str, text: str, where: str) -> Any:
     if any(known.name == key and known.kind == "str" for known in declarations(PARTS[node][1])):
         return text
     try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"{where}: {name}: {text!r} is not a value: {error}") from None
+        return yaml_text.parse(text, f"{where}: {name}")
+    except ParameterError as error:
+        raise ScenarioError(str(error)) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import hashlib
 import os
@@ -10,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
 from shared_control import scenario as science
-from shared_control.parameters import ParameterError, build, declarations
+from shared_control import yaml_text
+from shared_control.parameters import ParameterError, build, declarations, shown
+from shared_control.scenario import Scenario
 
-__all__ = ["DeclaredFile", "StudyError", "load", "section", "sections"]
+__all__ = ["DeclaredFile", "StudyError", "base_scenario", "load", "section", "sections"]
 
 T = TypeVar("T")
 
@@ -47,14 +48,12 @@ def load(kind: str, name: str | os.PathLike[str], known: tuple[str, ...]) -> Dec
     """
     path = _find(kind, name)
     try:
-        text = path.read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        raise StudyError(f"{path}{line}: not valid YAML: {error.problem or error}") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raw, content = yaml_text.read(path)
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError as error:
         raise StudyError(f"{path}: cannot be read: {error}") from None
+    except ParameterError as error:
+        raise StudyError(str(error)) from None
     if not isinstance(content, Mapping):
         raise StudyError(f"{path}: must be a mapping of sections: {', '.join(known)}")
     for key in content:
@@ -68,8 +67,9 @@ def load(kind: str, name: str | os.PathLike[str], known: tuple[str, ...]) -> Dec
 
 
 def _find(kind: str, name: str | os.PathLike[str]) -> Path:
-    if Path(name).is_file():
-        return Path(name)
+    with contextlib.suppress(OSError):  # of a name that is too long
+        if Path(name).is_file():
+            return Path(name)
     try:
         return science.find(Path(kind) / name)
     except science.ScenarioError:
@@ -78,7 +78,20 @@ def _find(kind: str, name: str | os.PathLike[str]) -> Path:
     for folder in {Path("config") / kind, Path(os.environ.get("RIG_ROOT", ".")) / "config" / kind}:
         there += [path.stem for path in folder.glob("*.yaml")]
     listing = f"there are: {', '.join(sorted(set(there)))}" if there else "none is there"
-    raise StudyError(f"{kind}: {os.fspath(name)!r} is neither a file nor a name under config/{kind}; {listing}")
+    raise StudyError(f"{kind}: {shown(os.fspath(name))} is neither a file nor a name under config/{kind}; {listing}")
+
+
+def base_scenario(file: DeclaredFile, name: str, part: str) -> Scenario:
+    """The scenario that a section of a file names.
+
+    Raises
+    ------
+    StudyError: it is not there or not allowed; the message names file and section too.
+    """
+    try:
+        return science.load(name)
+    except ParameterError as error:
+        raise StudyError(f"{file.path}: {part}: {error}") from None
 
 
 def section(file: DeclaredFile, name: str, cls: type[T]) -> T:
@@ -106,7 +119,7 @@ def sections(file: DeclaredFile, name: str, cls: type[T]) -> dict[str, T]:
 
 def _build(body: Any, cls: type[T], where: str) -> T:
     if not isinstance(body, Mapping):
-        raise StudyError(f"{where}: must be a mapping of keys to values, not {body!r}")
+        raise StudyError(f"{where}: must be a mapping of keys to values, not {shown(body)}")
     values = {str(key): value for key, value in body.items()}
     try:
         return build(cls, values, where)

@@ -16,8 +16,7 @@ import os
 from dataclasses import dataclass, replace
 from functools import reduce
 
-from rig_study.declared import DeclaredFile, StudyError, load, section, sections
-from shared_control import scenario as science
+from rig_study.declared import DeclaredFile, StudyError, base_scenario, load, section, sections
 from shared_control.parameters import parameter
 from shared_control.scenario import Scenario
 from shared_control.streams import stream
@@ -200,7 +199,7 @@ def load_protocol(name: str | os.PathLike[str]) -> Protocol:
     Raises
     ------
     StudyError: as :func:`rig_study.declared.load`; a group whose modes are not as many as the sets; a name that a file
-        could not carry. ScenarioError: the scenario is not there or not allowed.
+        could not carry; a scenario that is not there or not allowed.
     """
     file = load("protocols", name, ("study", "groups", "sets"))
     study = section(file, "study", StudyConfig)
@@ -215,4 +214,4 @@ def load_protocol(name: str | os.PathLike[str]) -> Protocol:
                 f"{file.path}: groups.{part}: modes: {list(group.modes)} is not allowed; it must be "
                 f"{len(sets)} modes, one for each of {', '.join(sets)}"
             )
-    return Protocol(file, study, groups, sets, science.load(study.scenario))
+    return Protocol(file, study, groups, sets, base_scenario(file, study.scenario, "study"))

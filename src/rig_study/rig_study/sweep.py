@@ -17,19 +17,23 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from rig_study.changes import apply
-from rig_study.declared import DeclaredFile, StudyError, load, section
+from rig_study.declared import DeclaredFile, StudyError, base_scenario, load, section
 from rig_study.runs import Job
 from shared_control import scenario as science
-from shared_control.parameters import ParameterError, parameter
+from shared_control.parameters import ParameterError, parameter, shown
 from shared_control.scenario import Scenario
 
 __all__ = ["Sweep", "SweepConfig", "load_sweep", "montecarlo_jobs", "sweep_jobs"]
+
+#: Points of a sweep; more are a mistake, and would not be over in a year.
+_MOST_POINTS = 100_000
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ def load_sweep(name: str | os.PathLike[str]) -> Sweep:
     """
     file = load("sweeps", name, ("sweep", "parameters"))
     config = section(file, "sweep", SweepConfig)
-    base = science.load(config.scenario)
+    base = base_scenario(file, config.scenario, "sweep")
     points = []
     for axes in _grids(file):
         for chosen in itertools.product(*axes.values()):
@@ -80,8 +84,11 @@ def _grids(file: DeclaredFile) -> list[Mapping[str, list[Any]]]:
         for key, values in axes.items():
             if not isinstance(values, list) or not values:
                 raise StudyError(
-                    f"{file.path}: parameters: {key}: {values!r} is not allowed; it must be a list of values"
+                    f"{file.path}: parameters: {key}: {shown(values)} is not allowed; it must be a list of values"
                 )
+    points = sum(math.prod(map(len, axes.values())) for axes in grids)
+    if points > _MOST_POINTS:
+        raise StudyError(f"{file.path}: parameters: {points} points; a sweep has at most {_MOST_POINTS}")
     return grids
 
 

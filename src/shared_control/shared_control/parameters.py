@@ -9,10 +9,11 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar, get_type_hints
 
-__all__ = ["Declaration", "ParameterError", "build", "declarations", "parameter"]
+__all__ = ["Declaration", "ParameterError", "build", "declarations", "parameter", "shown"]
 
 T = TypeVar("T")
 
@@ -29,8 +30,28 @@ _KINDS: dict[Any, str] = {
 }
 
 
+#: [characters] No sentence is longer; who has put a book into a field need not read it again.
+_LONGEST = 1000
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict = 3, 12, 12, 6
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
+
+
 class ParameterError(ValueError):
     """A parameter is unknown, has a wrong type or lies outside its bounds. The message names key, value and range."""
+
+    def __init__(self, message: str) -> None:
+        half = _LONGEST // 2
+        super().__init__(message if len(message) <= _LONGEST else f"{message[:half]} ... {message[-half:]}")
+
+
+def shown(value: Any) -> str:
+    """A value for an error message: as Python writes it, its middle left out where it is long."""
+    try:
+        return _SHORT.repr(value)
+    except ValueError:
+        return "a number of more digits than Python writes"
 
 
 def parameter(
@@ -125,7 +146,10 @@ class Declaration:
     def _scalar(self, item: Any, whole: Any) -> Any:
         kind = self.kind.removesuffix(" array")
         if kind == "float" and isinstance(item, (int, float)) and not isinstance(item, bool):
-            item = float(item)
+            try:
+                item = float(item)
+            except OverflowError:
+                raise self._error(whole) from None
             if not math.isfinite(item):
                 raise self._error(whole)
         elif kind == "int" and isinstance(item, int) and not isinstance(item, bool):
@@ -141,7 +165,7 @@ class Declaration:
         return item
 
     def _error(self, value: Any) -> ParameterError:
-        return ParameterError(f"{self.name}: {value!r} is not allowed; it must be {self.allowed()}")
+        return ParameterError(f"{self.name}: {shown(value)} is not allowed; it must be {self.allowed()}")
 
 
 def declarations(cls: type) -> Iterator[Declaration]:
@@ -168,7 +192,7 @@ def build(cls: type[T], values: Mapping[str, Any], where: str = "") -> T:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]}?" if near else "known here: " + ", ".join(known)
-            raise ParameterError(f"{prefix}unknown parameter {key} = {value!r}; {hint}")
+            raise ParameterError(f"{prefix}unknown parameter {key} = {shown(value)}; {hint}")
         try:
             checked[key] = known[key].check(value)
         except ParameterError as error:

@@ -17,11 +17,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from shared_control import admittance, tasks
+from shared_control import admittance, tasks, yaml_text
 from shared_control import filter as mig_filter
 from shared_control.admittance import AdmittanceConfig
 from shared_control.filter import FilterConfig
-from shared_control.parameters import ParameterError, build, declarations, parameter
+from shared_control.parameters import ParameterError, build, declarations, parameter, shown
 from shared_control.tasks.task import SAMPLE_TIME, Robot, Task
 from shared_control.users import UserConfig, presets
 
@@ -29,6 +29,10 @@ __all__ = ["LoopConfig", "Scenario", "ScenarioError", "TaskConfig", "check", "fi
 
 #: Parameters that every ROS node has by itself; a file may set them, they are none of ours.
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
+
+
+#: [characters] Of a file; systems take 255 bytes.
+_LONGEST_NAME = 200
 
 
 class ScenarioError(ParameterError):
@@ -159,6 +163,8 @@ def find(name: str | os.PathLike[str]) -> Path:
     ScenarioError: there is none; the message lists what there is.
     """
     given = Path(name)
+    if not given.name or "\0" in str(given) or max(map(len, given.parts)) > _LONGEST_NAME:
+        raise ScenarioError(f"scenario {shown(os.fspath(name))} is not the name of a file")
     for path in (given, given.with_name(given.name + ".yaml")):
         for candidate in [path] if path.is_absolute() else [path, *(folder / path for folder in _folders())]:
             if candidate.is_file():
@@ -167,7 +173,7 @@ def find(name: str | os.PathLike[str]) -> Path:
     near = difflib.get_close_matches(given.stem, [path.removesuffix(".yaml") for path in there], n=1)
     hint = f"did you mean {near[0]}.yaml? " if near else ""
     listing = "there are: " + ", ".join(there) if there else "there are none in " + ", ".join(map(str, _folders()))
-    raise ScenarioError(f"scenario {os.fspath(name)!r} not found; {hint}{listing}")
+    raise ScenarioError(f"scenario {shown(os.fspath(name))} not found; {hint}{listing}")
 
 
 def load(source: str | os.PathLike[str] | Mapping[str, Any] | Scenario) -> Scenario:
@@ -184,18 +190,10 @@ def load(source: str | os.PathLike[str] | Mapping[str, Any] | Scenario) -> Scena
         text = json.dumps(source, sort_keys=True, default=list)
         return _read(source, "mapping", "mapping", hashlib.sha256(text.encode()).hexdigest())
     path = find(source)
-    # Imported here: only who reads a file pays for the parser.
-    import yaml
-
     try:
-        raw = path.read_bytes()
-        content = yaml.load(raw, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506 a safe one
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        line = f", line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
-        raise ScenarioError(f"{path}{line}: not valid YAML: {error.problem or error}") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+        raw, content = yaml_text.read(path)
+    except ParameterError as error:
+        raise ScenarioError(str(error)) from None
     if content is None:
         content = {}
     return _read(content, str(path), path.stem, hashlib.sha256(raw).hexdigest())

@@ -8,6 +8,7 @@ from mig_interfaces.msg import NodeReport
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.readiness import ReadinessGate, Report
+from rig_runtime.wire import MalformedError
 
 #: Name of the node that follows the loop and is no part of it.
 RECORDER = "recorder"
@@ -50,6 +51,15 @@ class Readiness:
 
 
 def _from_message(message: NodeReport) -> Report:
+    lengths = (
+        (len(message.publishes), len(message.matched_subscriptions)),
+        (
+            len(message.subscribes),
+            len(message.matched_publishers),
+        ),
+    )
+    if any(names != counts for names, counts in lengths):
+        raise MalformedError(f"a report with other numbers of topics than of matches: {lengths}")
     return Report(
         node=message.node,
         armed_uid=message.armed_uid,

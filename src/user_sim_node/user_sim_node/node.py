@@ -11,6 +11,7 @@ from mig_interfaces.msg import TrialState
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.stages import delay_of
+from rig_runtime.wire import MalformedError
 from shared_control.loop import make_user
 from shared_control.scenario import LoopConfig, Scenario, UserConfig
 
@@ -29,6 +30,8 @@ class UserSimNode(RigNode):
         task = loop.make_task()
         self._state = topics.TASK_STATE.wire(state=task.n, control=task.m)
         self._wrench = topics.WRENCH.wire()
+        #: Of a trial of a day; to draw the noise for one that is further on would take for ever.
+        self._last_tick = int(86_400.0 / loop.sample_time)
         self._send = self.loop_sender(topics.WRENCH)
         self.loop_subscription(topics.TASK_STATE, self._on_state, raw=True)
 
@@ -50,6 +53,8 @@ class UserSimNode(RigNode):
         begin = time.monotonic_ns()
         state, wrench = self._state, self._wrench
         state.load(data)
+        if state["tick"] > self._last_tick:
+            raise MalformedError(f"no trial has a tick {state['tick']}")
         wrench["wrench.force"] = self._agent.act(state["tick"], state["time"], state["state"], state["mode"])
         wrench.take_stamp(state)
         if self._realtime:
