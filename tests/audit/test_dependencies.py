@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LISTS = sorted((ROOT / "src" / "rig_bringup" / "requirements").glob("*.txt"))
 PAGE = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
 
-#: What a virtual environment has by itself.
-_ITS_OWN = {"pip"}
+#: What a virtual environment is made with.
+_ITS_OWN = {"pip", "uv"}
 
 
 def required(path: Path) -> Iterator[Requirement]:
@@ -28,12 +28,12 @@ def required(path: Path) -> Iterator[Requirement]:
 
 
 def installed() -> dict[str, Distribution]:
-    """Every distribution of this environment but the rig's own packages, by name."""
+    """Every distribution that was installed into this environment, by name."""
     found = {}
     for distribution in distributions():
         name = distribution.metadata["Name"]
-        here = str(distribution.locate_file("")).startswith(str(ROOT / "ros2_ws"))
-        if name and not here:
+        # Without a record: the rig's own, and what came inside a ROS wheel, which stands for it.
+        if name and distribution.read_text("RECORD") is not None:
             found.setdefault(canonicalize_name(name), distribution)
     return found
 

@@ -1,7 +1,11 @@
-"""`./rig test`: lint, types, dependencies, then the tests; pytest's summary comes last."""
+"""`./rig test`: lint, types, dependencies, then the tests; pytest's summary comes last.
+
+`./rig test --coverage`: how much of the science and of the runtime the tests reach, branches included.
+"""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import signal
 import subprocess
@@ -15,9 +19,23 @@ from rig_bringup.provision.steps import Places, check_command
 TYPED = ("shared_control", "rig_runtime")
 
 
+#: Tests for coverage, and what to add to the environment. A compiled kernel cannot be followed, so the science runs as
+#: the ordinary Python that it is; the runtime's tests need the kernels' speed.
+COVERAGE = (
+    (("tests/shared_control",), {"NUMBA_DISABLE_JIT": "1"}),
+    (
+        ("tests/rig_runtime", "tests/mig_filter_node", "tests/admittance_sim_node", "tests/user_sim_node"),
+        {},
+    ),
+    (("tests/task_sim_node", "tests/rig_bringup/test_run.py", "tests/rig_display/test_display_node.py"), {}),
+)
+
+
 def main(argv: Sequence[str]) -> int:
     """Run the checks and pytest with the given arguments. With arguments (a file, -k ...) only pytest runs."""
     root = Path(os.environ["RIG_ROOT"])
+    if list(argv[:1]) == ["--coverage"]:
+        return coverage(root, argv[1:])
     checks = {
         "ruff check": [sys.executable, "-m", "ruff", "check", "."],
         "ruff format": [sys.executable, "-m", "ruff", "format", "--check", "."],
@@ -38,3 +56,20 @@ def main(argv: Sequence[str]) -> int:
     if failed and code == 0:
         print(f"error: tests pass, but not: {', '.join(failed)} (see above)", file=sys.stderr)
     return code or int(bool(failed))
+
+
+def coverage(root: Path, argv: Sequence[str]) -> int:
+    """Measure and report the coverage; further arguments are pytest's."""
+    if importlib.util.find_spec("coverage") is None:
+        print(
+            f"error: coverage is not installed; get it with: {sys.executable} -m pip install coverage", file=sys.stderr
+        )
+        return 2
+    tool = [sys.executable, "-m", "coverage"]
+    subprocess.run([*tool, "erase"], cwd=root, check=True)
+    code = 0
+    for tests, more in COVERAGE:
+        command = [*tool, "run", "-m", "pytest", "-q", *tests, *argv]
+        code |= subprocess.run(command, cwd=root, env={**os.environ, **more}, check=False).returncode
+    subprocess.run([*tool, "combine", "-q"], cwd=root, check=True)
+    return subprocess.run([*tool, "report"], cwd=root, check=False).returncode or code
