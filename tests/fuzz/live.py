@@ -193,7 +193,7 @@ class Services(_OfRig):
         asked, answer = self._ask(garbage)
         self.rig.answer()
         self.rig.check()
-        results = getattr(answer, "results", None) or [getattr(answer, "result", answer)]
+        results = answer.results if hasattr(answer, "results") else [getattr(answer, "result", answer)]
         good = all(getattr(result, "successful", getattr(result, "success", None)) for result in results)
         if not good:
             text = " ".join(getattr(result, "reason", getattr(result, "message", "")) for result in results)
