@@ -119,6 +119,15 @@ def test_criterion_across_events(along):
         assert criterion(x, u) == pytest.approx(slope, rel=1e-9, abs=1e-9)
 
 
+def test_mirrored_the_criterion_is_the_same():
+    """Left and right are alike: to the last bit for both readings."""
+    mirror = np.array([-1.0, -1.0, 1.0, 1.0, -1.0])
+    for along in ALONG:
+        criterion = Criterion(TASK, COST, horizon=STEPS * DT, dt=DT, adjoint_along=along)
+        for x, u in cases(10, 5):
+            assert criterion(mirror * x, np.array([u[0], -u[1]])) == criterion(x, u)
+
+
 def test_without_the_saltation_the_criterion_is_another():
     """The slope with each event held at its time, which is what an adjoint without the jump would give."""
     criterion, off = Criterion(TASK, COST, horizon=STEPS * DT, dt=DT), []

@@ -47,6 +47,18 @@ def test_hold_and_clip():
     assert np.abs(f).max() == 10.0
 
 
+def test_each_control_has_its_own_noise():
+    """SLIP's thrust and toe as its scenario has them: each of its spread, clipped at its bound, and no relation."""
+    task, robot = tasks.get("slip"), Robot(0.01, 40.0)
+    user = users.make("noise", task, 6, robot=robot, noise_sd=[20.0, 10.0], noise_clip=[30.0, 40.0])
+    u = np.array([task.control_from_wrench(user.act(k, 0.01 * k, task.initial_state), robot) for k in range(8000)])
+    assert np.abs(u[:, 0]).max() == pytest.approx(30.0)
+    inside = np.abs(u[:, 0]) < 30.0
+    assert inside.mean() == pytest.approx(stats.norm.cdf(1.5) - stats.norm.cdf(-1.5), abs=0.02)
+    assert stats.kstest(u[:, 1] / 10.0, "norm").pvalue > 1e-3
+    assert abs(np.corrcoef(u.T)[0, 1]) < 4.0 / np.sqrt(len(u))
+
+
 def test_same_seed_same_floats_whatever_the_order():
     a, b = users.make("noise", TASK, 6), users.make("noise", TASK, 7)
     whole = forces(a, 1500)
