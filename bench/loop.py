@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import statistics
 import tempfile
 import time
@@ -13,14 +14,17 @@ from typing import Any
 
 import ring
 from jitter import nanosleep
-from live import Live
+from live import LIMIT, Live, in_own_domain
 from native import program
-from rows import Row, alternate, percentile
+from rows import BenchError, Row, alternate, percentile
 
 from mig_interfaces.msg import TrialState
 from mig_interfaces.srv import StartTrial
 from rig_bringup import scenario
 from rig_bringup.compose import graph
+from rig_bringup.graph_process import GraphProcess
+from rig_bringup.monitor import Monitor
+from rig_bringup.up import graph_command
 from rig_runtime.wire import stamp_of
 from task_sim_node.node import TaskSimNode
 
@@ -177,11 +181,43 @@ def kilohertz(runs: int) -> list[Row]:
 
 
 def recorder(runs: int) -> list[Row]:
-    """A tick with and without it."""
+    """A tick with and without it: all in one process, and each node in its own."""
     with_, without = alternate(
         runs,
         lambda: 1e6 * _trial(record=True, pacing="lockstep", duration=10.0).tick(),
         lambda: 1e6 * _trial(pacing="lockstep", duration=10.0).tick(),
     )
-    what = "a tick in lockstep, composed and recorded, mean without the slowest 2 %"
-    return [Row("recorder.cost", what, "us", with_, "not recorded", without)]
+    apart_with, apart_without = alternate(
+        runs, lambda: 1e6 * _tick_in_processes(record=True), lambda: 1e6 * _tick_in_processes(record=False)
+    )
+    what = "a tick in lockstep, {}, recorded, mean"
+    return [
+        Row(
+            *("recorder.cost", f"{what.format('composed')} without the slowest 2 %", "us", with_),
+            *("not recorded", without),
+            wanted="ratio <= 1.15",
+        ),
+        Row(
+            *("recorder.cost.processes", what.format("each node in a process"), "us", apart_with),
+            *("not recorded", apart_without),
+            wanted="ratio <= 1.15",
+        ),
+    ]
+
+
+def _tick_in_processes(*, record: bool, duration: float = 20.0) -> float:
+    """Wall time of a tick [s] of a graph in processes of their own."""
+    os.environ.update(in_own_domain())
+    with tempfile.TemporaryDirectory() as folder:
+        files = parameters(Path(folder), record=record, autostart=True, pacing="lockstep", duration=duration)
+        environment = {"RIG_RECORD": str(int(record)), "RIG_REALTIME": "off"}
+        command = graph_command(False, files, "rig")
+        with GraphProcess(command, Path(folder) / "log", environment) as started, Monitor("rig") as monitor:
+            limit = time.monotonic() + LIMIT
+            while monitor.speed() is None:
+                monitor.wait(0.1)
+                if started.exit_code is not None or time.monotonic() > limit:
+                    raise BenchError(f"the graph did not run to its end; it said:\n{started.last_words()}")
+            speed = monitor.speed()
+            assert speed is not None
+            return 0.01 / speed

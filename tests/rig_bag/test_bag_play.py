@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import termios
 import threading
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,10 @@ from std_srvs.srv import Trigger
 
 from rig_bag import BagError, BagWriter, info, messages
 from rig_bag.cli import main
+from rig_bag.keyboard import keys
 from rig_bag.player import Player
 from rig_bag.player_services import offer, timing
-from rig_bag.qos import Qos
+from rig_bag.qos import Qos, load_overrides
 
 START = 1_700_000_000_000_000_000
 
@@ -155,6 +157,112 @@ def test_a_pause_moves_what_comes_after_it(single_graph: Any, bag: Path) -> None
     assert player.play(clock.stop) == 10
     steps = [after - before for before, after in itertools.pairwise(sent)]
     assert steps == pytest.approx([0.1] * 3 + [5.1] + [0.1] * 5)
+
+
+def test_the_rate_may_change_on_the_way(single_graph: Any, bag: Path) -> None:
+    clock = Clock()
+    player = Player(single_graph.node, bag, clock=clock)
+    sent: list[float] = []
+
+    def note(data: bytes) -> None:
+        sent.append(clock.now)
+        if len(sent) == 4:
+            player.set_rate(4.0)
+        if len(sent) == 7:
+            player.pause()
+            player.set_rate(0.5)
+            clock.now += 5.0
+            player.resume()
+
+    for name in player.publishers:
+        player.publishers[name] = type("Sink", (), {"publish": staticmethod(note)})
+    assert player.play(clock.stop) == 10
+    steps = [after - before for before, after in itertools.pairwise(sent)]
+    assert steps == pytest.approx([0.1] * 3 + [0.025] * 3 + [5.2] + [0.2] * 2)
+    assert max(player.lateness) == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(BagError, match="rate above 0"):
+        player.set_rate(0.0)
+
+
+def test_keys_of_a_terminal_control_it(single_graph: Any, bag: Path) -> None:
+    graph = single_graph
+    player = Player(graph.node, bag)
+    main_end, terminal = os.openpty()
+    try:
+        before = termios.tcgetattr(terminal)
+        with keys(player, terminal) as obeyed:
+            assert obeyed
+            assert not termios.tcgetattr(terminal)[3] & (termios.ICANON | termios.ECHO)
+            os.write(main_end, b" ")
+            graph.until(lambda: player.paused)
+            thread = threading.Thread(target=player.play)
+            thread.start()
+            os.write(main_end, b"x\x1b[C")
+            graph.until(lambda: len(player.lateness) == 1)
+            os.write(main_end, b"\x1b[A\x1b[A\x1b[B")
+            graph.until(lambda: player.rate == pytest.approx(1.1 * 1.1 * 0.9))
+            assert len(player.lateness) == 1
+            os.write(main_end, b" ")
+            graph.until(lambda: not thread.is_alive())
+        assert termios.tcgetattr(terminal) == before
+        assert len(player.lateness) == 10
+    finally:
+        os.close(main_end)
+        os.close(terminal)
+    with keys(player, -1) as obeyed:
+        assert not obeyed
+
+
+def test_the_quality_of_service_is_as_recorded_or_as_asked_for(single_graph: Any, bag: Path, tmp_path: Path) -> None:
+    graph = single_graph
+
+    def offered(topic: str) -> Qos:
+        graph.until(lambda: bool(graph.node.get_publishers_info_by_topic(topic)))
+        return Qos.from_rclpy(graph.node.get_publishers_info_by_topic(topic)[0].qos_profile)
+
+    Player(graph.node, bag, topics=["/b"])
+    assert (offered("/b").durability, offered("/b").reliability) == ("transient_local", "reliable")
+    file = tmp_path / "qos.yaml"
+    file.write_text(
+        "/a: {reliability: best_effort, history: keep_last, depth: 5, deadline: {sec: 1, nsec: 500}}\n/elsewhere: {}\n"
+    )
+    Player(graph.node, bag, topics=["/a"], qos=load_overrides(file))
+    assert (offered("/a").reliability, offered("/a").deadline) == ("best_effort", 1_000_000_500)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("- 1", "a map of topics"),
+        ("{", "cannot be read"),
+        ("/a: 3", "/a: a map of policies is wanted"),
+        ("/a: {relibility: reliable}", "there is no policy relibility; there are history, depth, reliability"),
+        ("/a: {reliability: sometimes}", "reliability is one of reliable, best_effort"),
+        ("/a: {deadline: 3}", "deadline is written {sec: 1, nsec: 0}"),
+        ("/a: {depth: -1}", "depth is a number of messages, not -1"),
+        ("/a: {avoid_ros_namespace_conventions: 1}", "is true or false"),
+    ],
+)
+def test_overrides_that_are_none_are_said(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "qos.yaml").write_text(text)
+    with pytest.raises(BagError, match=re.escape(says)):
+        load_overrides(tmp_path / "qos.yaml")
+    with pytest.raises(BagError, match=r"none\.yaml"):
+        load_overrides(tmp_path / "none.yaml")
+
+
+def test_the_command_plays_the_topics_of_a_pattern(
+    single_graph: Any, bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    play = ["play", str(bag), "--rate", "1000"]
+    assert main([*play, "--regex", "/[ax]$"]) == 0
+    assert "8 messages played" in capsys.readouterr().err
+    assert main([*play, "--exclude-topics", "/a", "--start", "0.1", "--duration", "5"]) == 0
+    assert "1 messages played" in capsys.readouterr().err
+    assert main([*play, "--exclude-regex", "."]) == 1
+    assert "no topic is left to play of /a, /b" in capsys.readouterr().err
+    assert main([*play, "--regex", "("]) == 1
+    assert "is not a regular expression" in capsys.readouterr().err
 
 
 def test_what_cannot_be_played_is_said(single_graph: Any, bag: Path, tmp_path: Path) -> None:

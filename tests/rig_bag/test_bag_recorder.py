@@ -22,7 +22,9 @@ from std_msgs.msg import String
 from mig_interfaces.msg import EndEffectorState, FilterDecision, RecorderState, TaskState, TrialState
 from rig_bag import BagError, info, messages, read
 from rig_bag.mcap_scan import scan
+from rig_bag.opening import place_of
 from rig_bag.recorder import RecorderNode
+from rig_bag.recording import Trial
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 EPOCH = 1_000_000_000_000
@@ -163,6 +165,17 @@ def test_each_trial_gets_a_bag_of_its_own(graph: Any, tmp_path: Path, trial_stat
         assert info(bag).metadata.custom_data["subject"] == "s07"
 
 
+def test_an_attempt_that_is_started_again_has_a_bag_too(tmp_path: Path, trial_state: Callable[..., TrialState]) -> None:
+    message = trial_state(TrialState.PHASE_ARMING)
+    message.attempt = 2
+    names = []
+    for _ in range(3):
+        place = place_of(Trial.from_message(message), tmp_path)
+        place.mkdir()
+        names.append(place.name)
+    assert names == ["s07_b_003_a2", "s07_b_003_a2_2", "s07_b_003_a2_3"]
+
+
 def test_a_trial_whose_bag_cannot_be_made_is_refused_by_report(
     single_graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]
 ) -> None:
@@ -209,7 +222,13 @@ def test_a_lockstep_trial_ends_the_bag(graph: Any, tmp_path: Path, trial_state: 
     assert metadata.custom_data["complete"] == "true"
     assert metadata.custom_data["subject"] == "s07"
     contents = scan(tmp_path / "bag" / "bag_0.mcap")
-    assert [attachment[0] for attachment in contents.attachments] == ["cart.yaml"]
+    assert [(name, data) for name, _, data in contents.attachments] == [("cart.yaml", b"seed: 11\n")]
+    # What the trial was, where, and with what: in the record as in metadata.yaml.
+    record = dict(contents.metadata)["trial"]
+    for key in ("subject", "group", "set", "trial", "seed", "scenario", "configuration_hash"):
+        assert record[key] == metadata.custom_data[key] != ""
+    for key in ("host", "scheduling", "rmw", "python", "version numpy", "version rclpy"):
+        assert record[key] == metadata.custom_data[key] != ""
     account = dict(contents.metadata)["completeness"]
     assert json.loads(account["ticks /rig/task/state"])["received"] == 60
     arrays = read(tmp_path / "bag")
@@ -291,12 +310,29 @@ def test_patterns_and_types_that_are_not_there(single_graph: Any, tmp_path: Path
     assert {message.topic for message in messages(tmp_path / "bag")} == {"/rig/a/one", "/rig/a/two", "/rig/a/late"}
 
 
+def test_a_topic_is_recorded_on_when_its_publisher_comes_back(single_graph: Any, tmp_path: Path) -> None:
+    graph = single_graph
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"), topics=["text"], follow_trial=False)
+    for number in range(2):
+        publisher = graph.node.create_publisher(String, "text", QoSProfile(depth=100))
+        graph.until(_matched(recorder, publisher))
+        publisher.publish(String(data="x"))
+        graph.until(lambda number=number: _written(recorder) == number + 1)
+        graph.node.destroy_publisher(publisher)
+        graph.until(lambda: not recorder.matched()["/rig/text"])
+    recorder.close()
+    assert len(list(messages(tmp_path / "bag"))) == 2
+
+
 def test_faults_at_the_start_leave_no_node(single_graph: Any, tmp_path: Path) -> None:
     graph = single_graph
     (tmp_path / "there").mkdir()
     for values, says in (
         ({"uri": str(tmp_path / "there")}, "exists already"),
         ({"uri": str(tmp_path / "a"), "regex": "("}, "not a regular expression"),
+        ({"uri": str(tmp_path / "a"), "exclude_regex": "("}, "not a regular expression"),
+        ({"uri": str(tmp_path / "a"), "qos_profile_overrides_path": str(tmp_path / "none")}, "cannot be read"),
+        ({"uri": "/proc/bag"}, "cannot make the bag /proc/bag"),
         ({"uri": str(tmp_path / "b"), "attachments": [str(tmp_path / "none.yaml")]}, "cannot attach"),
     ):
         with pytest.raises(BagError, match=says):

@@ -167,6 +167,36 @@ def test_duplicates_are_not_complete(make: Callable[..., Rig]) -> None:
     assert json.loads(account["ticks /state"])["duplicates"] == 1
 
 
+def test_what_the_middleware_lost_is_not_complete(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in range(5):
+        rig.tick(tick)
+    rig.follow(TrialState.PHASE_FINISHED, 5)
+    rig.recording.note_lost("/text", 2)
+    rig.recording.note_lost("/text", 1)
+    assert rig.recording.lost() == 3
+    account = rig.account()
+    assert (account["complete"], account["lost"], account["lost by the middleware /text"]) == ("false", "3", "3")
+
+
+def test_what_publishers_say_that_they_sent_is_in_the_account(make: Callable[..., Rig]) -> None:
+    rig = make()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for tick in range(5):
+        rig.send(rig.state, tick)
+        rig.send(rig.yes, tick)
+        if tick != 3:
+            rig.send(rig.wrench, tick)
+    for uid, ticks in ((1, 5), (1, 4), (7, 99)):
+        rig.recording.note_answers(uid, ticks, ["/wrench", "/other"])
+    rig.recording.note_answers(1, 5, ["/yes"])
+    rig.follow(TrialState.PHASE_FINISHED, 5)
+    account = rig.account()
+    answered = {name: json.loads(account[f"ticks {name}"])["answered"] for name in ("/state", "/wrench", "/yes|/no")}
+    assert answered == {"/state": None, "/wrench": 5, "/yes|/no": None}
+
+
 def test_an_aborted_trial_owes_no_answer_to_its_last_tick(make: Callable[..., Rig]) -> None:
     rig = make()
     rig.follow(TrialState.PHASE_RUNNING)
@@ -191,6 +221,7 @@ def test_the_trial_is_in_the_bag(make: Callable[..., Rig]) -> None:
         assert record["configuration_hash"] == "ab" * 32
         assert record["phase"] == "finished"
     assert custom["closed_because"] == "trial finished"
+    assert trial["closed_because"] == "trial finished"
 
 
 def test_a_new_trial_begins_a_new_account(make: Callable[..., Rig]) -> None:

@@ -89,6 +89,14 @@ def test_missing_and_repeated_ticks_are_found(trial_bag: Callable[..., Path]) ->
     assert "1 are there twice" in said
 
 
+def test_a_count_that_is_not_the_recorders_is_found(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        channel = writer.add_topic("/a", "std_msgs/msg/Empty")
+        writer.write(channel, b"\0\1\0\0\0", 1, 1)
+        writer.add_metadata("completeness", {"count /a": "2", "count /b": "0"})
+    assert _problems(verify(tmp_path / "bag")) == {"ticks": ["/a: the recorder counted 2, the files hold 1"]}
+
+
 def test_stamps_that_go_back_are_found(tmp_path: Path, task_state: Callable[[int], TaskState]) -> None:
     from rclpy.serialization import serialize_message
 

@@ -29,10 +29,13 @@ class Account:
     def __init__(self, groups: Iterable[str]) -> None:
         #: The trial's newest state.
         self.trial: Trial | None = None
-        self._ticks = {group: Continuity() for group in groups}
+        self._ticks = {group: Continuity(gates="|" not in group) for group in groups}
         self._of_topic = {topic: ticks for group, ticks in self._ticks.items() for topic in group.split("|")}
         #: Those that the progress of a recording waits for.
-        self.gating = [ticks for group, ticks in self._ticks.items() if "|" not in group]
+        self.gating = [ticks for ticks in self._ticks.values() if ticks.gates]
+
+        #: Ticks of the trial that the publisher of each group says that it answered.
+        self._answered: dict[str, int] = {}
 
     @property
     def groups(self) -> Mapping[str, Continuity]:
@@ -47,6 +50,7 @@ class Account:
         """Take note of the trial's state; whether it is another trial than before, which begins a new account."""
         other = self.trial is not None and trial.uid != self.trial.uid
         if other:
+            self._answered.clear()
             for ticks in self._ticks.values():
                 ticks.restart()
         self.trial = trial
@@ -54,6 +58,14 @@ class Account:
             for ticks in self._ticks.values():
                 ticks.step = trial.sample_time
         return other
+
+    def note_answers(self, uid: int, ticks: int, topics: Iterable[str]) -> None:
+        """A node says how many ticks of trial ``uid`` it has answered on the topics that it publishes."""
+        if self.trial is not None and uid == self.trial.uid and ticks > 0:
+            published = set(topics)
+            for group in self._ticks:
+                if published.issuperset(group.split("|")):
+                    self._answered[group] = max(ticks, self._answered.get(group, 0))
 
     def complete(self) -> bool:
         """Whether every topic that gates has come as far as the trial's last tick."""
@@ -99,6 +111,7 @@ class Account:
             gaps = ticks.open_gaps()
             result[group] = {
                 "expected": self.expected,
+                "answered": self._answered.get(group),
                 "received": ticks.received,
                 "missing": self.missing(ticks),
                 "duplicates": ticks.duplicates,

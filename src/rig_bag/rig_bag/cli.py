@@ -17,13 +17,18 @@ from rclpy.signals import SignalHandlerOptions
 
 from rig_bag.describe import describe
 from rig_bag.errors import BagError
+from rig_bag.keyboard import HELP, keys
 from rig_bag.player import Player
 from rig_bag.player_services import serve, timing
+from rig_bag.qos import load_overrides
 from rig_bag.reader import info
 from rig_bag.recorder import make_recorder
+from rig_bag.selection import Selection
 from rig_runtime.run import run
 
 __all__ = ["main"]
+
+_QOS_HELP = "YAML file of the quality of service to use by topic, as in /topic: {reliability: best_effort, depth: 5}"
 
 
 def _positive(text: str) -> float:
@@ -38,6 +43,19 @@ def _not_negative(text: str) -> float:
     if not value >= 0.0:
         raise argparse.ArgumentTypeError(f"Value {value} is less than zero.")
     return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"Value {value} is less than zero.")
+    return value
+
+
+def _pair(text: str) -> str:
+    if "=" not in text:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form KEY=VALUE")
+    return text
 
 
 def _remapping(text: str) -> tuple[str, str]:
@@ -61,6 +79,29 @@ def _parser(program: str) -> argparse.ArgumentParser:
     record.add_argument("--all-topics", action="store_true", help="The same as --all")
     record.add_argument("-e", "--regex", default="", help="Record the topics that contain a match")
     record.add_argument("--exclude-regex", default="", help="Leave these out of what --all or --regex finds")
+    record.add_argument(
+        "--exclude-topics", nargs="+", default=[], metavar="TOPIC", help="Leave these topics out of what is found"
+    )
+    record.add_argument("--include-hidden-topics", action="store_true", help="Find hidden topics too")
+    record.add_argument(
+        "-b", "--max-bag-size", type=_count, default=0, metavar="BYTES", help="Begin another file at this size (never)"
+    )
+    record.add_argument(
+        *("-d", "--max-bag-duration"),
+        type=_not_negative,
+        default=0.0,
+        metavar="S",
+        help="Begin another file after this time (never)",
+    )
+    record.add_argument("--qos-profile-overrides-path", default="", metavar="FILE", help=_QOS_HELP)
+    record.add_argument(
+        "--custom-data",
+        nargs="+",
+        type=_pair,
+        default=[],
+        metavar="KEY=VALUE",
+        help="For the bag's metadata",
+    )
     record.add_argument("-s", "--storage", default="mcap", choices=["mcap"], help="Storage (mcap is the only one)")
     record.add_argument("--node-name", default="rosbag2_recorder", help="Name of the recording node")
 
@@ -87,11 +128,22 @@ def _parser(program: str) -> argparse.ArgumentParser:
     play.add_argument("bag_path", help="Bag to play")
     play.add_argument("-r", "--rate", type=_positive, default=1.0, help="Rate of play, above 0")
     play.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="Topics to play; by default all")
+    play.add_argument("-e", "--regex", default="", help="Play the topics that contain a match")
+    play.add_argument("-x", "--exclude-regex", default="", help="Leave out the topics that contain a match")
+    play.add_argument("--exclude-topics", nargs="+", default=[], metavar="TOPIC", help="Leave these topics out")
+    play.add_argument("--qos-profile-overrides-path", default="", metavar="FILE", help=_QOS_HELP)
     play.add_argument(
-        "--start-offset", type=_not_negative, default=0.0, metavar="S", help="Start this many seconds into the bag"
+        *("--start-offset", "--start"),
+        type=_not_negative,
+        default=0.0,
+        metavar="S",
+        help="Start this many seconds into the bag",
     )
     play.add_argument(
-        "--playback-duration", type=_positive, metavar="S", help="Play this much of the bag's time; by default all"
+        *("--playback-duration", "--duration"),
+        type=_positive,
+        metavar="S",
+        help="Play this much of the bag's time; by default all",
     )
     play.add_argument(
         "-m", "--remap", nargs="+", type=_remapping, default=[], metavar="OLD:=NEW", help="Other names for topics"
@@ -104,6 +156,14 @@ def _parser(program: str) -> argparse.ArgumentParser:
     play.add_argument(
         "-d", "--delay", type=_not_negative, default=0.0, metavar="S", help="Wait this long before playing"
     )
+    play.add_argument(
+        "--wait-for-all-acked",
+        type=_count,
+        default=1000,
+        metavar="MS",
+        help="At the end, wait this long for readers to have everything; 0: for ever (1000)",
+    )
+    play.add_argument("--disable-keyboard-controls", action="store_true", help="Obey no keys")
     return parser
 
 
@@ -119,6 +179,12 @@ def _record(arguments: argparse.Namespace) -> int:
         "regex": arguments.regex,
         "exclude_regex": arguments.exclude_regex,
         "all": everything,
+        "exclude_topics": arguments.exclude_topics or [""],
+        "include_hidden_topics": arguments.include_hidden_topics,
+        "max_bag_size": arguments.max_bag_size,
+        "max_bag_duration": arguments.max_bag_duration,
+        "qos_profile_overrides_path": arguments.qos_profile_overrides_path,
+        "custom_data": arguments.custom_data or [""],
         "per_tick_topics": [""],
         "follow_trial": False,
     }
@@ -166,7 +232,26 @@ def _export(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _topics(arguments: argparse.Namespace) -> list[str]:
+    """The topics to play; none named stands for all."""
+    if not (arguments.regex or arguments.exclude_regex or arguments.exclude_topics):
+        return list(arguments.topics)
+    selection = Selection(
+        everything=not arguments.regex,
+        regex=arguments.regex,
+        exclude_regex=arguments.exclude_regex,
+        exclude=arguments.exclude_topics,
+        hidden=True,
+    )
+    there = [entry.name for entry in info(arguments.bag_path).metadata.topics]
+    found = [name for name in there if selection.takes(name) and (not arguments.topics or name in arguments.topics)]
+    if not found:
+        raise BagError(f"{arguments.bag_path}: no topic is left to play of {', '.join(there)}")
+    return found
+
+
 def _play(arguments: argparse.Namespace) -> int:
+    overrides = arguments.qos_profile_overrides_path
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -176,7 +261,8 @@ def _play(arguments: argparse.Namespace) -> int:
             player = Player(
                 node,
                 arguments.bag_path,
-                topics=arguments.topics,
+                topics=_topics(arguments),
+                qos=load_overrides(overrides) if overrides else {},
                 rate=arguments.rate,
                 start_offset=arguments.start_offset,
                 duration=arguments.playback_duration,
@@ -185,13 +271,15 @@ def _play(arguments: argparse.Namespace) -> int:
             )
             if arguments.start_paused:
                 player.pause()
-            with serve(node, player):
+            with serve(node, player), keys(player, -1 if arguments.disable_keyboard_controls else None) as obeyed:
+                if obeyed:
+                    print(HELP, file=sys.stderr)
                 stop.wait(arguments.delay)
                 while not stop.is_set():
                     player.play(stop)
                     if not arguments.loop:
                         break
-            player.drain()
+            player.drain(1e-3 * arguments.wait_for_all_acked or None)
             print(timing(player.lateness), file=sys.stderr)
         finally:
             node.destroy_node()

@@ -35,7 +35,18 @@ class RecorderConfig:
     )
     regex: str = parameter("", "record also the topics whose full name contains a match of this")
     exclude_regex: str = parameter("", "of the topics found by regex or all, leave these out")
+    exclude_topics: tuple[str, ...] = parameter(("",), "the same, by their names")
     all: bool = parameter(False, "record every topic that is not hidden")
+    include_hidden_topics: bool = parameter(False, "let regex and all find hidden topics too")
+    qos_profile_overrides_path: str = parameter(
+        "",
+        "file of the quality of service that topics are subscribed with, as ros2 bag record takes it; by default it "
+        "is that of their publishers",
+    )
+    max_bag_size: int = parameter(0, "a file that has reached this is followed by another; 0: no limit", unit="B", ge=0)
+    max_bag_duration: float = parameter(
+        0.0, "the same, by the time from a file's first message on; 0: no limit", unit="s", ge=0.0
+    )
     per_tick_topics: tuple[str, ...] = parameter(
         (*_PER_TICK, "|".join(_BY_VERDICT)),
         "topics with one message a tick, whose stamps define progress; a|b: one on either, checked only",
@@ -49,4 +60,5 @@ class RecorderConfig:
         ge=0.0,
         le=3600.0,
     )
+    custom_data: tuple[str, ...] = parameter(("",), "key=value, for the bag's metadata")
     attachments: tuple[str, ...] = parameter(("",), "files to store in the bag, such as the scenario")

@@ -19,9 +19,11 @@ class Continuity:
     and are judged when asked.
     """
 
-    __slots__ = ("duplicates", "first", "gaps", "newest", "overflow", "received", "step")
+    __slots__ = ("duplicates", "first", "gaps", "gates", "newest", "overflow", "received", "step")
 
-    def __init__(self, step: int = 0) -> None:
+    def __init__(self, step: int = 0, *, gates: bool = True) -> None:
+        #: Whether the progress of a recording waits for this stream.
+        self.gates = gates
         #: [ns] sample time; 0 while unknown.
         self.step = step
         #: [ns] stamps; -1 before the first.

@@ -16,9 +16,10 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
+from rig_bag import cdr
 from rig_bag.errors import BagError
 
-__all__ = ["begins_with_stamp", "full_definition", "message_class", "type_hash"]
+__all__ = ["as_installed", "begins_with_stamp", "full_definition", "message_class", "type_hash"]
 
 _SEPARATOR = "=" * 80
 _PRIMITIVE = re.compile(r"^(bool|byte|char|u?int(8|16|32|64)|float(32|64)|w?string)$")
@@ -86,6 +87,17 @@ def full_definition(type_name: str) -> str:
         parts.append(f"{_SEPARATOR}\nMSG: {name}\n{inner}")
         queue.extend(_fields(inner, name.partition("/")[0]))
     return "\n".join(part.rstrip("\n") for part in parts) + "\n"
+
+
+def as_installed(recorded: cdr.Schema) -> bool:
+    """Whether messages of a recorded definition have the fields of the installed one.
+
+    Raises
+    ------
+    BagError: the type is not installed.
+    """
+    package, _, name = recorded.name.partition("/")
+    return recorded == cdr.parse(recorded.name, full_definition(f"{package}/msg/{name}"))
 
 
 @cache

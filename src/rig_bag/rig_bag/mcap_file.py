@@ -14,6 +14,7 @@ import os
 import struct
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import zstandard
@@ -39,7 +40,7 @@ from rig_bag.mcap_records import (
     SUMMARY_OFFSET,
 )
 
-__all__ = ["Channel", "McapFile"]
+__all__ = ["Channel", "Declarations", "McapFile"]
 
 _pack_message = struct.Struct("<BQHIQQ").pack
 _pack_index = struct.Struct("<QQ").pack
@@ -68,17 +69,35 @@ class Channel:
     def __init__(self, identifier: int, topic: str) -> None:
         self.id = identifier
         self.topic = topic
+        #: messages taken so far
         self.count = 0
         self.index = bytearray()
+
+
+@dataclass
+class Declarations:
+    """What a file declares before it is used: the records of its schemas and channels, and the channels themselves."""
+
+    schemas: list[bytes] = field(default_factory=list)
+    channel_records: list[bytes] = field(default_factory=list)
+    channels: list[Channel] = field(default_factory=list)
 
 
 class McapFile:
     """Writes one file. Every method that touches the disk raises ``OSError`` and then leaves the file cut at its last
     whole record; after that only :meth:`finish`, :meth:`drop` and :meth:`close` make sense.
+
+    ``declared``: the declarations of the file that this one continues, whose channels are then good for this one.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], *, chunk_size: int = 64 * 1024, level: int = 1, library: str = "rig_bag"
+        self,
+        path: str | os.PathLike[str],
+        *,
+        chunk_size: int = 64 * 1024,
+        level: int = 1,
+        library: str = "rig_bag",
+        declared: Declarations | None = None,
     ) -> None:
         self.path = Path(path)
         self._chunk_size = chunk_size
@@ -87,9 +106,8 @@ class McapFile:
         self._size = 0
         self._crc = 0
         self._buffer = bytearray()
-        self._schemas: list[bytes] = []
-        self._channel_records: list[bytes] = []
-        self._channels: list[Channel] = []
+        self.declared = declared or Declarations()
+        self._buffer += b"".join(self.declared.schemas + self.declared.channel_records)
         self._pieces = Pieces(self.path.parent)
         self._start = -1
         self._end = 0
@@ -103,20 +121,20 @@ class McapFile:
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Declare a message type; returns its identifier."""
-        identifier = len(self._schemas) + 1
+        identifier = len(self.declared.schemas) + 1
         record = _record(
             SCHEMA, struct.pack("<H", identifier), _text(name), _text(encoding), struct.pack("<I", len(data)), data
         )
-        self._schemas.append(record)
+        self.declared.schemas.append(record)
         self._buffer += record
         return identifier
 
     def add_channel(self, topic: str, schema: int, encoding: str, metadata: Mapping[str, str]) -> Channel:
         """Declare a topic."""
-        channel = Channel(len(self._channels) + 1, topic)
+        channel = Channel(len(self.declared.channels) + 1, topic)
         record = _record(CHANNEL, struct.pack("<HH", channel.id, schema), _text(topic), _text(encoding), _map(metadata))
-        self._channels.append(channel)
-        self._channel_records.append(record)
+        self.declared.channels.append(channel)
+        self.declared.channel_records.append(record)
         self._buffer += record
         return channel
 
@@ -125,11 +143,15 @@ class McapFile:
     def write(self, channel: Channel, data: bytes, log_time: int, publish_time: int) -> None:
         """Append one message; times in nanoseconds since the epoch, 0 <= t < 2**64."""
         buffer = self._buffer
+        count = channel.count
         channel.index += _pack_index(log_time, len(buffer))
-        buffer += _pack_message(MESSAGE, MESSAGE_FIXED + len(data), channel.id, channel.count, log_time, publish_time)
+        buffer += _pack_message(
+            MESSAGE, MESSAGE_FIXED + len(data), channel.id, count & 0xFFFFFFFF, log_time, publish_time
+        )
         buffer += data
-        channel.count = (channel.count + 1) & 0xFFFFFFFF
-        self._end = max(self._end, log_time)
+        channel.count = count + 1
+        if log_time > self._end:  # noqa: PLR1730 (a call for each message would cost more)
+            self._end = log_time
         if log_time < self._start or self._start < 0:
             self._start = log_time
         if len(buffer) >= self._chunk_size:
@@ -144,7 +166,7 @@ class McapFile:
             self._append(bytes(raw))
             return
         start_time, end_time = self._start, self._end
-        indexed = [channel for channel in self._channels if channel.index]
+        indexed = [channel for channel in self.declared.channels if channel.index]
         counts = {channel.id: len(channel.index) // 16 for channel in indexed}
         data = self._compressor.compress(raw)
         chunk = _record(
@@ -199,6 +221,11 @@ class McapFile:
 
     # -- what is in it -----------------------------------------------------------------------------------------------
 
+    @property
+    def size(self) -> int:
+        """Bytes in the file, without what is buffered."""
+        return self._size
+
     def times(self) -> tuple[int, int]:
         """First and last log time of the chunks in the file; (0, 0) if it has none."""
         chunks = [piece for piece in self._pieces if piece.opcode == CHUNK_INDEX]
@@ -208,11 +235,11 @@ class McapFile:
 
     def counts(self) -> dict[str, int]:
         """Messages of each topic that are in the file, in the order of the channels."""
-        totals = dict.fromkeys((channel.id for channel in self._channels), 0)
+        totals = dict.fromkeys((channel.id for channel in self.declared.channels), 0)
         for piece in self._pieces:
             for identifier, count in piece.counts.items():
                 totals[identifier] += count
-        return {channel.topic: totals[channel.id] for channel in self._channels}
+        return {channel.topic: totals[channel.id] for channel in self.declared.channels}
 
     # -- the end -----------------------------------------------------------------------------------------------------
 
@@ -233,7 +260,7 @@ class McapFile:
         body = _record(DATA_END, struct.pack("<I", crc))
         start = data_end + len(body)
         totals = self.counts()
-        counts = {channel.id: totals[channel.topic] for channel in self._channels}
+        counts = {channel.id: totals[channel.topic] for channel in self.declared.channels}
         opcodes = [piece.opcode for piece in self._pieces]
         pairs = b"".join(struct.pack("<HQ", identifier, count) for identifier, count in counts.items() if count)
         statistics = _record(
@@ -241,8 +268,8 @@ class McapFile:
             struct.pack(
                 "<QHIIIIQQ",
                 sum(counts.values()),
-                len(self._schemas),
-                len(self._channels),
+                len(self.declared.schemas),
+                len(self.declared.channels),
                 opcodes.count(ATTACHMENT_INDEX),
                 opcodes.count(METADATA_INDEX),
                 opcodes.count(CHUNK_INDEX),
@@ -252,8 +279,8 @@ class McapFile:
             pairs,
         )
         groups: list[tuple[int, list[bytes]]] = [
-            (SCHEMA, self._schemas),
-            (CHANNEL, self._channel_records),
+            (SCHEMA, self.declared.schemas),
+            (CHANNEL, self.declared.channel_records),
             (STATISTICS, [statistics]),
         ]
         groups += [

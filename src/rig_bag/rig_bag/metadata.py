@@ -15,7 +15,7 @@ import yaml
 from rig_bag.errors import BagError
 from rig_bag.qos import Qos, parse_profiles
 
-__all__ = ["EMPTY_START", "BagMetadata", "TopicEntry"]
+__all__ = ["EMPTY_START", "BagMetadata", "FileEntry", "TopicEntry"]
 
 #: libyaml reads many times faster; what it reads is the same.
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -38,6 +38,24 @@ class TopicEntry:
 
 
 @dataclass(frozen=True)
+class FileEntry:
+    """One file of a bag. Times in nanoseconds since the epoch."""
+
+    path: str
+    start: int
+    duration: int
+    messages: int
+
+    def mapping(self) -> dict[str, Any]:
+        return {
+            "path": self.path,
+            "starting_time": {"nanoseconds_since_epoch": self.start},
+            "duration": {"nanoseconds": self.duration},
+            "message_count": self.messages,
+        }
+
+
+@dataclass(frozen=True)
 class BagMetadata:
     """What a bag says of itself. Times in nanoseconds since the epoch."""
 
@@ -52,6 +70,8 @@ class BagMetadata:
     compression_format: str = ""
     compression_mode: str = ""
     message_count: int = -1
+    #: each of the files, where it is known; the bag's own times and count stand for them where it is not
+    parts: tuple[FileEntry, ...] = ()
 
     @property
     def messages(self) -> int:
@@ -59,13 +79,11 @@ class BagMetadata:
 
     def mapping(self) -> dict[str, Any]:
         """The document below ``rosbag2_bagfile_information``."""
-        start = {"nanoseconds_since_epoch": self.start}
-        duration = {"nanoseconds": self.duration}
         return {
             "version": VERSION,
             "storage_identifier": self.storage,
-            "duration": duration,
-            "starting_time": start,
+            "duration": {"nanoseconds": self.duration},
+            "starting_time": {"nanoseconds_since_epoch": self.start},
             "message_count": self.messages,
             "topics_with_message_count": [
                 {
@@ -84,13 +102,9 @@ class BagMetadata:
             "compression_mode": self.compression_mode,
             "relative_file_paths": list(self.files),
             "files": [
-                {
-                    "path": path,
-                    "starting_time": dict(start),
-                    "duration": dict(duration),
-                    "message_count": self.messages,
-                }
-                for path in self.files
+                part.mapping()
+                for part in self.parts
+                or [FileEntry(path, self.start, self.duration, self.messages) for path in self.files]
             ],
             "custom_data": dict(self.custom_data) or None,
             "ros_distro": self.ros_distro,
@@ -155,6 +169,15 @@ class BagMetadata:
             compression_format=data.get("compression_format") or "",
             compression_mode=data.get("compression_mode") or "",
             message_count=int(data["message_count"]),
+            parts=tuple(
+                FileEntry(
+                    path=file["path"],
+                    start=int(file["starting_time"]["nanoseconds_since_epoch"]),
+                    duration=int(file["duration"]["nanoseconds"]),
+                    messages=int(file["message_count"]),
+                )
+                for file in data.get("files") or ()
+            ),
         )
 
 

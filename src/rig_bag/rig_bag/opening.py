@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import itertools
 import os
 import platform
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import rclpy
@@ -15,21 +16,23 @@ from rig_bag.errors import BagError
 from rig_bag.trial import Trial
 from rig_bag.writer import BagWriter
 
-__all__ = ["open_bag", "place_of"]
+__all__ = ["open_bag", "place_of", "scheduling"]
 
+#: Those that decide what a trial computes, and what it is recorded with.
+_PACKAGES = ("shared_control", "rig_bag", "mig_interfaces", "numpy", "numba", "rclpy", "zstandard")
 
 #: [bytes] Of each word in a bag's name: with two of them a file's name stays within the 255 that systems take.
 _LONGEST = 80
 
 
-def open_bag(path: str | os.PathLike[str], attachments: Iterable[str] = ()) -> BagWriter:
-    """A bag at ``path`` with the files attached.
+def open_bag(path: str | os.PathLike[str], attachments: Iterable[str] = (), **options: int) -> BagWriter:
+    """A bag at ``path`` with the files attached; options as :class:`rig_bag.writer.BagWriter` has them.
 
     Raises
     ------
     BagError: it cannot be made, or a file cannot be read; in that case the bag is closed, empty.
     """
-    writer = BagWriter(path, custom_data=_surroundings())
+    writer = BagWriter(path, custom_data=_surroundings(), **options)
     for name in filter(None, attachments):
         file = Path(name)
         try:
@@ -43,14 +46,19 @@ def open_bag(path: str | os.PathLike[str], attachments: Iterable[str] = ()) -> B
 
 
 def place_of(trial: Trial, folder: Path) -> Path:
-    """A trial's own bag in a folder: subject, set, trial, attempt; if nobody counts these, the first that is free."""
+    """A trial's own bag in a folder: subject, set, trial, attempt; if nobody counts these, the first that is free.
+
+    An attempt that is started a second time, by hand, is recorded too: with ``_2`` at the end.
+    """
     words = [word for word in (trial.subject or "trial", trial.set, f"{trial.trial:03d}") if word]
     # What a service call carries becomes the name of a directory, and nothing else.
     stem = "_".join(_fit(re.sub(r"[^\w-]", "-", word)) for word in words)
     if trial.attempt:
-        return folder / f"{stem}_a{trial.attempt}"
-    places = (folder / f"{stem}_a{attempt}" for attempt in itertools.count(1))
-    return next(place for place in places if not place.exists())
+        stem += f"_a{trial.attempt}"
+        names: Iterator[str] = itertools.chain([stem], (f"{stem}_{again}" for again in itertools.count(2)))
+    else:
+        names = (f"{stem}_a{attempt}" for attempt in itertools.count(1))
+    return next(folder / name for name in names if not (folder / name).exists())
 
 
 def _fit(word: str) -> str:
@@ -65,5 +73,21 @@ def _surroundings() -> dict[str, str]:
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
         "rmw": rclpy.get_rmw_implementation_identifier(),
-        "scheduling": {0: "other", 1: "fifo", 2: "round robin"}.get(os.sched_getscheduler(0), "unknown"),
-    }
+        "scheduling": scheduling(),
+    } | _versions()
+
+
+def scheduling() -> str:
+    """How this process is scheduled, at this moment."""
+    return {0: "other", 1: "fifo", 2: "round robin"}.get(os.sched_getscheduler(0), "unknown")
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in _PACKAGES:
+        try:
+            found[f"version {name}"] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            # Built by colcon, or a wheel of another name.
+            continue
+    return found

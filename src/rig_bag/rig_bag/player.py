@@ -22,13 +22,16 @@ from rosgraph_msgs.msg import Clock
 from rig_bag import definitions
 from rig_bag.errors import BagError
 from rig_bag.qos import Qos
-from rig_bag.reader import Message, info, messages
+from rig_bag.reader import Message, info, ordered
+from rig_bag.ticks import schema_of
 
 __all__ = ["Player"]
 
 _DEPTH = 1000
 #: [s] between two looks at whether a paused player is to stop.
 _LOOK = 0.1
+#: [s] after which a wait looks again at when it ends.
+_SLICE = 0.25
 #: [s] that rounding may let a wait end before its time.
 _EARLY = 1e-6
 
@@ -46,6 +49,7 @@ class Player:
     start_offset: [s] from the bag's start, >= 0.
     duration: [s] of the bag's time to play, > 0; None: to its end.
     remap: other names for topics.
+    qos: by topic of the bag, what to publish with instead of what was recorded.
     clock_rate: [Hz] at which ``/clock`` says how far in the bag's time the play is; 0: it does not.
     clock: [s] monotonic; for tests.
 
@@ -64,6 +68,7 @@ class Player:
         start_offset: float = 0.0,
         duration: float | None = None,
         remap: Mapping[str, str] | None = None,
+        qos: Mapping[str, Qos] | None = None,
         clock_rate: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -75,23 +80,28 @@ class Player:
             raise BagError(f"a bag plays for more than 0 s, not {duration}")
         described = info(bag)
         entries = {entry.name: entry for entry in described.metadata.topics}
-        names = dict(remap or {})
+        names, profiles = dict(remap or {}), dict(qos or {})
         missing = [name for name in (*topics, *names) if name not in entries]
         if missing:
             raise BagError(f"{bag} has no topic {', '.join(missing)}; it has {', '.join(entries)}")
         self._rate = rate
         self._clock = clock
         self.publishers: dict[str, Any] = {}
+        files = described.contents()
+        recorded = {channel.topic: (part, channel) for part in files for channel in part.channels.values()}
         for name, entry in entries.items():
             if topics and name not in topics:
                 continue
             try:
                 message_class = definitions.message_class(entry.type)
+                if name in recorded and not definitions.as_installed(schema_of(*recorded[name])):
+                    raise BagError(f"{entry.type} was recorded with other fields than the installed definition has")
             except BagError as error:
                 node.get_logger().warning(f"{name} is not played: {error}")
                 continue
-            self.publishers[name] = node.create_publisher(message_class, names.get(name, name), _offer(entry.qos))
-        stored = list(messages(bag, list(self.publishers)))
+            offered = profiles[name].to_rclpy() if name in profiles else _offer(entry.qos)
+            self.publishers[name] = node.create_publisher(message_class, names.get(name, name), offered)
+        stored = list(ordered(files, list(self.publishers)))
         self.origin = (stored[0].log_time if stored else 0) + int(start_offset * 1e9)
         end = self.origin + int(duration * 1e9) if duration is not None else None
         self.messages: list[Message] = [
@@ -105,14 +115,28 @@ class Player:
         self.lateness: list[float] = []
         self._changed = threading.Condition()
         self._paused_at: float | None = None
-        self._shift = 0.0
         self._steps = 0
+        #: A moment [s] of the clock, and how far in the bag's time [s] after the origin the play was then.
+        self._anchor = 0.0, 0.0
 
     # -- control, from any thread ------------------------------------------------------------------------------------
 
     @property
     def paused(self) -> bool:
         return self._paused_at is not None
+
+    @property
+    def rate(self) -> float:
+        return self._rate
+
+    def set_rate(self, rate: float) -> None:
+        """Go on at another rate, > 0, from where the play is."""
+        if not rate > 0.0:
+            raise BagError(f"a bag plays at a rate above 0, not {rate}")
+        with self._changed:
+            now = self._clock() if self._paused_at is None else self._paused_at
+            self._anchor = now, self._position(now)
+            self._rate = rate
 
     def pause(self) -> None:
         """Hold before the next message."""
@@ -124,10 +148,15 @@ class Player:
         """Go on; what was to come comes later by the length of the pause."""
         with self._changed:
             if self._paused_at is not None:
-                self._shift += self._clock() - self._paused_at
+                self._anchor = self._clock(), self._position(self._paused_at)
                 self._paused_at = None
                 self._steps = 0
                 self._changed.notify_all()
+
+    def _position(self, now: float) -> float:
+        """How far in the bag's time [s] after the origin the play is at a moment of the clock."""
+        moment, position = self._anchor
+        return position + (now - moment) * self._rate
 
     def step(self) -> bool:
         """Publish the next message, and no more; only while paused (else False)."""
@@ -147,20 +176,21 @@ class Player:
         a pause.
         """
         event = stop or threading.Event()
-        start, self._shift = self._clock(), 0.0
+        start = self._clock()
+        self._anchor = start, 0.0
         if self._paused_at is not None:
             self._paused_at = start
-        scale = 1e-9 / self._rate
         count = ticks = 0
+        # In the bag's time: /clock ticks as often in wall time only as long as the rate stays.
+        tick = self._rate / self._clock_rate if self._clock_rate else 0.0
         for message in self.messages:
-            offset = (message.log_time - self.origin) * scale
-            while self._clock_publisher is not None and ticks <= offset * self._clock_rate:
-                at = ticks / self._clock_rate
-                if self._wait(start, at, event) is None:
+            offset = (message.log_time - self.origin) * 1e-9
+            while self._clock_publisher is not None and ticks * tick <= offset:
+                if self._wait(ticks * tick, event) is None:
                     return count
-                self._publish_time(self.origin + int(at / scale))
+                self._publish_time(self.origin + int(ticks * tick * 1e9))
                 ticks += 1
-            late = self._wait(start, offset, event, steps=True)
+            late = self._wait(offset, event, steps=True)
             if late is None:
                 break
             self.publishers[message.topic].publish(message.data)
@@ -168,21 +198,21 @@ class Player:
             count += 1
         return count
 
-    def _wait(self, start: float, offset: float, stop: threading.Event, *, steps: bool = False) -> float | None:
-        """Wait until ``start + offset`` and as long as the player is paused; returns how late it is [s], or None if it
-        is to stop. A step lets what waits with ``steps`` through.
+    def _wait(self, offset: float, stop: threading.Event, *, steps: bool = False) -> float | None:
+        """Wait until the bag's time has come as far as ``offset`` [s] and as long as the player is paused; returns how
+        late it is [s], or None if it is to stop. A step lets what waits with ``steps`` through.
         """
         while True:
             if not self.paused:
-                wait = start + offset + self._shift - self._clock()
+                # Not in one go: the rate may change, and a pause may move what is due.
+                wait = min(self._due(offset) - self._clock(), _SLICE)
                 if (wait > 0.0 and stop.wait(wait)) or stop.is_set():
                     return None
             with self._changed:
                 if self._paused_at is None:
-                    late = self._clock() - start - offset - self._shift
+                    late = self._clock() - self._due(offset)
                     if late >= -_EARLY:
                         return max(late, 0.0)
-                    # It was paused and resumed meanwhile: what is due has moved.
                     continue
                 if self._steps > 0:
                     self._steps -= steps
@@ -192,15 +222,20 @@ class Player:
             if stop.is_set():
                 return None
 
+    def _due(self, offset: float) -> float:
+        """The moment of the clock at which the bag's time is as far as this."""
+        moment, position = self._anchor
+        return moment + (offset - position) / self._rate
+
     def _publish_time(self, nanoseconds: int) -> None:
         assert self._clock_publisher is not None
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 1_000_000_000)
         self._clock_publisher.publish(message)
 
-    def drain(self, limit: float = 1.0) -> bool:
+    def drain(self, limit: float | None = 1.0) -> bool:
         """Wait until the matched reliable readers have acknowledged everything, ``limit`` seconds a topic at most."""
-        timeout = Duration(nanoseconds=int(limit * 1e9))
+        timeout = Duration(nanoseconds=-1 if limit is None else int(limit * 1e9))
         acknowledged = [publisher.wait_for_all_acked(timeout) for publisher in self.publishers.values()]
         return all(acknowledged)
 

@@ -6,13 +6,17 @@ is its lower-case name and every duration a pair of seconds and nanoseconds.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
 
-__all__ = ["INFINITE", "Qos", "parse_profiles", "profiles_text"]
+from rig_bag.errors import BagError
+
+__all__ = ["INFINITE", "Qos", "load_overrides", "parse_profiles", "profiles_text"]
 
 #: [ns] what the middleware calls an infinite duration.
 INFINITE = 2**63 - 1
@@ -62,6 +66,23 @@ class Qos:
             values[name] = value
         return cls(**values)
 
+    def to_rclpy(self) -> Any:
+        """As an ``rclpy.qos.QoSProfile``."""
+        # Imported here: bags are read where ROS is not installed.
+        from rclpy import duration, qos
+
+        policies = {
+            "history": qos.HistoryPolicy,
+            "reliability": qos.ReliabilityPolicy,
+            "durability": qos.DurabilityPolicy,
+            "liveliness": qos.LivelinessPolicy,
+        }
+        values = {name: kind[getattr(self, name).upper()] for name, kind in policies.items()}
+        values |= {name: duration.Duration(nanoseconds=getattr(self, name)) for name in _DURATIONS}
+        return qos.QoSProfile(
+            depth=self.depth, avoid_ros_namespace_conventions=self.avoid_ros_namespace_conventions, **values
+        )
+
     def mapping(self) -> dict[str, Any]:
         """The profile in the order and spelling of ``metadata.yaml`` version 9."""
         result: dict[str, Any] = {}
@@ -100,3 +121,56 @@ def _named(entry: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(value, int):
             result[key] = names[value] if value < len(names) else "unknown"
     return result
+
+
+_POLICIES = {
+    "history": ("keep_last", "keep_all", "system_default"),
+    "reliability": ("reliable", "best_effort", "system_default", "best_available"),
+    "durability": ("volatile", "transient_local", "system_default", "best_available"),
+    "liveliness": ("automatic", "manual_by_topic", "system_default", "best_available"),
+}
+
+
+def load_overrides(path: str | os.PathLike[str]) -> dict[str, Qos]:
+    """Profiles by topic from a YAML file, as ``ros2 bag --qos-profile-overrides-path`` takes it.
+
+    What an entry does not name has the default of a profile: ``keep_last`` 10, ``reliable``, ``volatile``, and no
+    deadline, lifespan or lease. A duration is ``{sec: 1, nsec: 0}``.
+
+    Raises
+    ------
+    BagError: the file cannot be read, or says something that is no profile; where, and what would be one.
+    """
+    try:
+        document = yaml.safe_load(Path(path).read_bytes())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise BagError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if not isinstance(document, Mapping):
+        raise BagError(f"{path}: a map of topics to profiles is wanted, as in /topic: {{reliability: best_effort}}")
+    return {str(topic): _override(f"{path}: {topic}", entry) for topic, entry in document.items()}
+
+
+def _override(where: str, entry: Any) -> Qos:
+    if not isinstance(entry, Mapping):
+        raise BagError(f"{where}: a map of policies is wanted, not {entry!r}")
+    unknown = [str(key) for key in entry if key not in Qos.__dataclass_fields__]
+    if unknown:
+        raise BagError(
+            f"{where}: there is no policy {', '.join(unknown)}; there are {', '.join(Qos.__dataclass_fields__)}"
+        )
+    for name, allowed in _POLICIES.items():
+        if entry.get(name, allowed[0]) not in allowed:
+            raise BagError(f"{where}: {name} is one of {', '.join(allowed)}, not {entry[name]!r}")
+    for name in _DURATIONS:
+        parts = entry.get(name, {"sec": 0, "nsec": 0})
+        if not isinstance(parts, Mapping) or not all(_is_count(parts.get(key)) for key in ("sec", "nsec")):
+            raise BagError(f"{where}: {name} is written {{sec: 1, nsec: 0}}, not {parts!r}")
+    if not _is_count(entry.get("depth", 1)):
+        raise BagError(f"{where}: depth is a number of messages, not {entry['depth']!r}")
+    if not isinstance(entry.get("avoid_ros_namespace_conventions", False), bool):
+        raise BagError(f"{where}: avoid_ros_namespace_conventions is true or false")
+    return Qos.from_mapping(entry)
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0

@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig_bag import cdr
+from rig_bag import cdr, foreign
 from rig_bag.errors import BagError
-from rig_bag.mcap_scan import Contents, Messages, scan
+from rig_bag.mcap_scan import Contents, scan
 from rig_bag.metadata import BagMetadata
 
-__all__ = ["Bag", "Message", "info", "messages", "read"]
+__all__ = ["Bag", "Message", "info", "messages", "ordered", "read"]
 
 
 class Message(NamedTuple):
@@ -34,31 +34,43 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag on the disk: where it is, what ``metadata.yaml`` says, and how large it is [B]."""
+    """A bag on the disk: where it is, what ``metadata.yaml`` says, and how large it is [B].
+
+    A bag of ROS 1 is a file, which says the same itself.
+    """
 
     path: Path
     metadata: BagMetadata
     size: int
 
     def files(self) -> list[Path]:
+        if self.path.is_file():
+            return [self.path]
         return [self.path / name for name in self.metadata.files]
 
     def contents(self) -> list[Contents]:
-        """The contents of its files, read in full. Raises BagError as :func:`rig_bag.mcap_scan.scan` does."""
-        if self.metadata.storage != "mcap":
-            raise BagError(f"{self.path} is stored as {self.metadata.storage}; only MCAP bags are read here")
+        """The contents of its files, read in full.
+
+        Raises
+        ------
+        BagError: as :func:`rig_bag.mcap_scan.scan`, and, of what is no plain MCAP, :func:`rig_bag.foreign.contents_of`.
+        """
+        if self.metadata.storage != "mcap" or self.metadata.compression_mode not in ("", "none", "NONE"):
+            return [foreign.contents_of(self.path)]
         return [scan(path) for path in self.files()]
 
 
 def info(bag: str | os.PathLike[str]) -> Bag:
-    """Describe a bag from its ``metadata.yaml`` (what ``ros2 bag info`` reads).
+    """Describe a bag from its ``metadata.yaml`` (what ``ros2 bag info`` reads), or a file of ROS 1 from itself.
 
     Raises
     ------
     BagError: there is no such bag, or its metadata cannot be read.
     """
     path = Path(bag)
-    if path.is_file() and path.suffix == ".mcap":
+    if foreign.is_ros1(path):
+        return Bag(path, foreign.metadata_of_ros1(path), path.stat().st_size)
+    if path.is_file() and path.suffix in (".mcap", ".db3"):
         path = path.parent
     if not path.is_dir():
         raise BagError(f"there is no bag {path}")
@@ -73,7 +85,12 @@ def messages(bag: str | os.PathLike[str], topics: Sequence[str] | None = None) -
     ------
     BagError: as :func:`info`; or a file is damaged.
     """
-    for contents in info(bag).contents():
+    yield from ordered(info(bag).contents(), topics)
+
+
+def ordered(files: Sequence[Contents], topics: Sequence[str] | None = None) -> Iterator[Message]:
+    """The messages of a bag's files, one file after the other, each in the order that :func:`messages` has."""
+    for contents in files:
         found: list[tuple[int, int, Message]] = []
         for channel in contents.channels.values():
             if topics is None or channel.topic in topics:
@@ -101,48 +118,54 @@ def read(bag: str | os.PathLike[str], topics: Sequence[str] | None = None) -> di
     ------
     BagError: as :func:`messages`; or a topic asked for is not in the bag; or bytes do not fit their definition.
     """
-    result: dict[str, Any] = {}
-    found: dict[str, None] = {}
+    found: dict[str, _Topic] = {}
     for contents in info(bag).contents():
         for channel in contents.channels.values():
-            found[channel.topic] = None
-            if topics is None or channel.topic in topics:
-                values = _values(contents, channel)
-                result[channel.topic] = _joined(result[channel.topic], values) if channel.topic in result else values
-    missing = [topic for topic in topics or () if topic not in result]
+            schema = contents.schemas[channel.schema]
+            topic = found.setdefault(channel.topic, _Topic(schema, channel.encoding))
+            if (topic.schema, topic.encoding) != (schema, channel.encoding):
+                raise BagError(f"the files of {bag} do not agree on the type of {channel.topic}")
+            topic.log_times += channel.log_times
+            topic.publish_times += channel.publish_times
+            topic.data += channel.data
+    missing = [topic for topic in topics or () if topic not in found]
     if missing:
         raise BagError(f"{bag} has no topic {', '.join(missing)}; it has {', '.join(found) or 'none'}")
-    return result
+    return {name: topic.values(name) for name, topic in found.items() if topics is None or name in topics}
 
 
-def _values(contents: Contents, channel: Messages) -> Any:
-    name, encoding, text = contents.schemas[channel.schema]
-    if encoding != "ros2msg" or channel.encoding != "cdr":
-        raise BagError(f"{channel.topic} is stored as {encoding}/{channel.encoding}; only ros2msg/cdr is read here")
-    schema = cdr.parse(name, text.decode("utf-8"))
-    array = schema.array(channel.data)
-    if array is None:
-        rows = []
-        for log_time, publish_time, data in zip(channel.log_times, channel.publish_times, channel.data, strict=True):
-            message = schema.decode(data)
-            message.log_time, message.publish_time = log_time, publish_time
-            rows.append(message)
-        return rows
-    dtype = np.dtype([("log_time", np.int64), ("publish_time", np.int64), *_items(array.dtype)])
-    table = np.empty(len(array), dtype)
-    table["log_time"], table["publish_time"] = channel.log_times, channel.publish_times
-    for column in array.dtype.names or ():
-        table[column] = array[column]
-    return table
+@dataclass
+class _Topic:
+    """All messages of a topic, from whichever file."""
+
+    schema: tuple[str, str, bytes]
+    encoding: str
+    log_times: list[int] = field(default_factory=list)
+    publish_times: list[int] = field(default_factory=list)
+    data: list[bytes] = field(default_factory=list)
+
+    def values(self, topic: str) -> Any:
+        name, encoding, text = self.schema
+        if encoding != "ros2msg" or self.encoding != "cdr":
+            raise BagError(f"{topic} is stored as {encoding}/{self.encoding}; only ros2msg/cdr is read here")
+        schema = cdr.parse(name, text.decode("utf-8"))
+        array = schema.array(self.data)
+        if array is None:
+            rows = []
+            for log_time, publish_time, data in zip(self.log_times, self.publish_times, self.data, strict=True):
+                message = schema.decode(data)
+                message.log_time, message.publish_time = log_time, publish_time
+                rows.append(message)
+            return rows
+        dtype = np.dtype([("log_time", np.int64), ("publish_time", np.int64), *_items(array.dtype)])
+        table = np.empty(len(array), dtype)
+        table["log_time"], table["publish_time"] = self.log_times, self.publish_times
+        for column in array.dtype.names or ():
+            table[column] = array[column]
+        return table
 
 
 def _items(dtype: np.dtype[Any]) -> list[tuple[str, Any]]:
     assert dtype.names is not None
     assert dtype.fields is not None
     return [(name, dtype.fields[name][0]) for name in dtype.names]
-
-
-def _joined(first: Any, second: Any) -> Any:
-    if isinstance(first, list) or isinstance(second, list) or first.dtype != second.dtype:
-        raise BagError("the files of this bag do not agree on a topic's layout")
-    return np.concatenate((first, second))

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import atexit
 import datetime
-import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
@@ -25,9 +26,11 @@ from mig_interfaces.msg import NodeReport, RecorderState, TrialState
 from rig_bag import definitions
 from rig_bag.configuration import QUEUE_DEPTH, RecorderConfig
 from rig_bag.errors import BagError
-from rig_bag.opening import open_bag, place_of
-from rig_bag.qos import Qos
-from rig_bag.recording import Recording, Trial
+from rig_bag.opening import open_bag, place_of, scheduling
+from rig_bag.qos import Qos, load_overrides
+from rig_bag.recording import Recording, Stream, Trial
+from rig_bag.selection import Selection
+from rig_bag.watch import PublisherWatch, SteadyWallClock
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
@@ -41,6 +44,7 @@ _SEARCH_PERIOD = 0.05  # [s] between looks for publishers while a listed topic h
 _WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and between flushes
 _SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
 _now = time.monotonic
+_wall = time.time_ns
 
 
 class RecorderNode(RigNode):
@@ -63,7 +67,13 @@ class RecorderNode(RigNode):
         self._subscriptions_of: dict[str, Any] = {}
         #: What each subscribed topic is declared as in a bag: type, QoS of its publishers, hash of the type.
         self._declared: dict[str, tuple[str, list[Qos], str]] = {}
+        #: Where each topic goes in the bag that is open.
+        self._streams: dict[str, Stream] = {}
         self._skipped: set[str] = set()
+        self._wall_clock = SteadyWallClock(_wall)
+        self._publishers_watched = PublisherWatch()
+        #: Of a trial whose publisher has vanished: ticks received by then, and until when others are waited for.
+        self._abandoned: tuple[int, float] | None = None
         self._settle: Any = None
         self._settled_at = self._settled_ticks = 0
         self._recorded_uid = 0
@@ -79,14 +89,18 @@ class RecorderNode(RigNode):
     def _open(self) -> None:
         self.config = config = self.parameters.get(RecorderConfig)
         self._splits = config.split == "trial"
-        regex, exclude = config.regex, config.exclude_regex
-        try:
-            self._pattern = re.compile(regex) if regex else None
-            self._exclude = re.compile(exclude) if exclude else None
-        except re.error as error:
-            raise BagError(f"{regex or exclude!r} is not a regular expression: {error}") from error
+        self._selection = Selection(
+            everything=config.all,
+            regex=config.regex,
+            exclude_regex=config.exclude_regex,
+            exclude=[self.resolve_topic_name(topic) for topic in config.exclude_topics if topic],
+            hidden=config.include_hidden_topics,
+        )
         self._trial_topic = self.resolve_topic_name(topics.TRIAL_STATE.name)
+        self._report_topic = self.resolve_topic_name(topics.NODE_REPORT.name)
         self._wanted = [self.resolve_topic_name(topic) for topic in config.topics if topic]
+        path = config.qos_profile_overrides_path
+        self._qos_overrides = load_overrides(path) if path else {}
         if config.follow_trial and self._trial_topic not in self._wanted:
             self._wanted.append(self._trial_topic)
         self._groups = [
@@ -106,26 +120,28 @@ class RecorderNode(RigNode):
             self._begin(Path(place))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._search = self.create_timer(_SEARCH_PERIOD, self._look_for_publishers, clock=clock)
-        self._flush = self.create_timer(_WATCH_PERIOD, self._flush_bag, clock=clock)
+        self._watching = self.create_timer(_WATCH_PERIOD, self._watch, clock=clock)
         self._settle = self.create_timer(_SETTLE_PERIOD, self._check_settled, clock=clock)
         self._settle.cancel()
         self._look_for_publishers()
 
     def _begin(self, place: Path) -> None:
         """Open a bag; BagError if that cannot be."""
-        writer = open_bag(place, self.config.attachments)
+        config = self.config
+        limits = {"max_size": config.max_bag_size, "max_duration": round(config.max_bag_duration * 1e9)}
+        writer = open_bag(place, config.attachments, **limits)
+        writer.set_custom_data(dict(pair.split("=", 1) for pair in config.custom_data if "=" in pair))
         self.path = writer.path
-        # Times of reception count from here: a wall clock that is stepped must not turn them back.
-        self._epoch = time.time_ns() - time.monotonic_ns()
+        self._wall_clock.begin()
         recording = Recording(
             writer,
             per_tick=self._groups,
             lockstep=self.parameters.get(LoopConfig).pacing == "lockstep",
-            progress_ticks=self.config.progress_ticks,
+            progress_ticks=config.progress_ticks,
             on_progress=self._publish_state,
         )
         for topic, declared in self._declared.items():
-            recording.add_topic(topic, *declared)
+            self._streams[topic] = recording.add_topic(topic, *declared)
         self.recording = recording
         self._reason = ""
         self._publish_state()
@@ -175,25 +191,16 @@ class RecorderNode(RigNode):
             return
         # One cheap question for all topics; that for a topic's publishers costs twenty times as much.
         for topic, _ in self.get_topic_names_and_types():
-            if topic not in self._subscriptions_of and (topic in self._wanted or self._selected(topic)):
+            if topic not in self._subscriptions_of and (topic in self._wanted or self._selection.takes(topic)):
                 self._subscribe(topic)
-        pattern = self._pattern is not None or self.config.all
         if all(topic in self._subscriptions_of or topic in self._skipped for topic in self._wanted):
-            if pattern:
+            if not self._selection.empty:
                 self._search.timer_period_ns = int(_WATCH_PERIOD * 1e9)
             else:
                 self._search.cancel()
 
-    def _selected(self, topic: str) -> bool:
-        """Whether the pattern, or `all`, takes this topic."""
-        if any(part.startswith("_") for part in topic.split("/")):
-            return False
-        if self._exclude is not None and self._exclude.search(topic):
-            return False
-        return self.config.all or (self._pattern is not None and self._pattern.search(topic) is not None)
-
     def _subscribe(self, topic: str) -> None:
-        """Subscribe to a topic if it has a publisher, in the strictest way that every publisher it has can serve."""
+        """Subscribe to a topic if it has a publisher."""
         if topic in self._skipped:
             return
         publishers = self.get_publishers_info_by_topic(topic)
@@ -207,36 +214,62 @@ class RecorderNode(RigNode):
             qos_of_publishers = [Qos.from_rclpy(info.qos_profile) for info in publishers]
             declared = (types[0], qos_of_publishers, str(publishers[0].topic_type_hash))
             if self.recording is not None:
-                self.recording.add_topic(topic, *declared)
+                self._streams[topic] = self.recording.add_topic(topic, *declared)
             self._declared[topic] = declared
         except BagError as error:
             self._skipped.add(topic)
             self.get_logger().warning(f"{topic} is not recorded: {error}")
             return
-        profiles = [info.qos_profile for info in publishers]
+        profile = self._qos_for(topic, [info.qos_profile for info in publishers])
+        subscribe = partial(self.create_subscription, message_type, topic, self._callback(topic), profile, raw=True)
+        try:
+            subscription = subscribe(event_callbacks=self._events(topic))
+        except UnsupportedEventTypeError:
+            subscription = subscribe()
+        self._subscriptions_of[topic] = subscription
+
+    def _qos_for(self, topic: str, profiles: Sequence[QoSProfile]) -> QoSProfile:
+        """The strictest that every publisher can serve, or what was asked for."""
+        if topic in self._qos_overrides:
+            return self._qos_overrides[topic].to_rclpy()
         reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
         latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
-        qos = QoSProfile(
+        return QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
             depth=QUEUE_DEPTH,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        self._subscriptions_of[topic] = self.create_subscription(
-            message_type, topic, self._callback(topic), qos, raw=True
-        )
+
+    def _events(self, topic: str) -> SubscriptionEventCallbacks:
+        """What the middleware says of a subscription besides its messages."""
+
+        def lost(event: Any) -> None:
+            self.get_logger().warning(f"{topic}: the middleware lost {event.total_count_change} messages")
+            if self.recording is not None:
+                self.recording.note_lost(topic, event.total_count_change)
+
+        return SubscriptionEventCallbacks(message_lost=lost)
 
     def _callback(self, topic: str) -> Callable[[bytes], None]:
-        now = time.monotonic_ns
+        # The bag's own time: a log whose times go back could not be played.
+        now, clock = time.monotonic_ns, self._wall_clock
+        streams = self._streams
 
         def take(data: bytes) -> None:
             recording = self.recording
             if recording is None:
                 return
             try:
-                recording.receive(recording.streams()[topic], data, self._epoch + now())
+                recording.receive(streams[topic], data, now() + clock.offset)
             except BagError as error:
                 self._fail(error)
+
+        def take_report(data: bytes) -> None:
+            take(data)
+            if self.recording is not None:
+                report = decode(data, NodeReport)
+                self.recording.note_answers(report.armed_uid, report.ticks_done, report.publishes)
 
         def take_trial(data: bytes) -> None:
             message = decode(data, TrialState)
@@ -246,7 +279,8 @@ class RecorderNode(RigNode):
             self.follow_trial(message)
             self._on_trial(message)
 
-        return take_trial if self.config.follow_trial and topic == self._trial_topic else take
+        special = {self._trial_topic: take_trial, self._report_topic: take_report}
+        return special.get(topic, take) if self.config.follow_trial else take
 
     # -- the trial ---------------------------------------------------------------------------------------------------
 
@@ -311,13 +345,37 @@ class RecorderNode(RigNode):
         state.message = self._reason
         self._publisher.publish(state)
 
-    def _flush_bag(self) -> None:
-        if self.recording is None:
+    def _watch(self) -> None:
+        """Once a second: bring the bag to the disk, and see whether clock and publishers are as they were."""
+        recording = self.recording
+        jump = self._wall_clock.jump()
+        gone = self._publishers_watched.look(self.matched())
+        if recording is None:
             return
         try:
-            self.recording.writer.flush()
+            recording.writer.flush()
         except BagError as error:
             self._fail(error)
+            return
+        if jump:
+            self.get_logger().warning(
+                f"the machine's clock was set by {jump * 1e-9:+.3f} s; the bag's times go on as before"
+            )
+            recording.note_clock_jump(jump)
+        trial = recording.trial
+        if gone and (trial is None or trial.under_way):
+            self.get_logger().warning(f"no longer published: {', '.join(gone)}")
+        self._close_if_abandoned(recording)
+
+    def _close_if_abandoned(self, recording: Recording) -> None:
+        """A trial whose pacemaker has vanished is never said to have ended."""
+        trial, ticks = recording.trial, recording.ticks_received()
+        if trial is None or not trial.under_way or self._trial_topic not in self._publishers_watched.gone:
+            self._abandoned = None
+        elif self._abandoned is None or self._abandoned[0] != ticks:
+            self._abandoned = ticks, _now() + self.config.settle_limit
+        elif _now() >= self._abandoned[1]:
+            self.close(f"the publisher of {self._trial_topic} vanished during the trial")
 
     def _fail(self, error: BagError) -> None:
         self.failed = True
@@ -331,6 +389,8 @@ class RecorderNode(RigNode):
         if recording is None or recording.writer.closed:
             return
         self._reason = reason
+        # By now it is what it was in the trial; where the bag was opened, perhaps not yet.
+        recording.writer.set_custom_data({"scheduling": scheduling()})
         try:
             recording.close(reason)
         except BagError as error:

@@ -5,6 +5,7 @@ Its shell is :mod:`rig_bag.recorder`. :meth:`Recording.receive` is the hot path.
 
 from __future__ import annotations
 
+import json
 import struct
 from collections.abc import Callable, Iterable, Mapping
 
@@ -65,10 +66,13 @@ class Recording:
         on_progress: Callable[[], None] | None = None,
     ) -> None:
         self.writer = writer
+        self._write = writer.write
         self.account = Account(per_tick)
         #: [ns] newest stamp up to which every per-tick topic is here; -1 before that. Never goes back within a trial.
         self.progress = -1
         self._gating = self.account.gating
+        #: How many per-tick topics are no further than the progress: it moves on when none is.
+        self._behind = len(self._gating)
         self._lockstep = lockstep
         self._progress_ticks = progress_ticks
         self._on_progress = on_progress
@@ -76,6 +80,9 @@ class Recording:
         self._newest = -1
         self._pending: list[tuple[Stream, bytes, int, int]] = []
         self._streams: dict[str, Stream] = {}
+        #: What the middleware said that it lost, by topic.
+        self._lost: dict[str, int] = {}
+        self._clock_jumps: list[int] = []
 
     # -- topics ------------------------------------------------------------------------------------------------------
 
@@ -113,18 +120,18 @@ class Recording:
         if ticks is not None and stamp > self._newest:
             self._newest = stamp
         if not self._lockstep:
-            self.writer.write(stream.channel, data, now, stamp if stamp >= 0 else now)
+            self._write(stream.channel, data, now, stamp if stamp >= 0 else now)
         elif self._newest >= 0:
             if self._pending:
                 self._write_pending()
-            self.writer.write(stream.channel, data, self._newest, stamp if stamp >= 0 else self._newest)
+            self._write(stream.channel, data, self._newest, stamp if stamp >= 0 else self._newest)
         elif len(self._pending) < _PENDING_LIMIT:
             self._pending.append((stream, data, stamp, now))
         else:
             # Nothing ticks here: this is no lockstep run, and the time of reception is all there is.
             self._lockstep = False
             self._write_pending()
-            self.writer.write(stream.channel, data, now, stamp if stamp >= 0 else now)
+            self._write(stream.channel, data, now, stamp if stamp >= 0 else now)
         if ticks is not None:
             newest = ticks.newest
             if newest >= 0 < ticks.step == stamp - newest:
@@ -132,11 +139,15 @@ class Recording:
                 ticks.received += 1
             else:
                 ticks.observe(stamp)
-            if newest <= self.progress:
-                self._advance()
+            if ticks.gates and newest <= self.progress < ticks.newest:
+                self._behind -= 1
+                if self._behind == 0:
+                    self._advance()
 
     def _advance(self) -> None:
-        progress = min([ticks.newest for ticks in self._gating], default=-1)
+        """Every per-tick topic is beyond the progress: move it to the slowest of them."""
+        progress = min(ticks.newest for ticks in self._gating)
+        self._behind = sum(ticks.newest <= progress for ticks in self._gating)
         if progress > self.progress:
             self.progress = progress
             self._advances += 1
@@ -149,7 +160,7 @@ class Recording:
         pending, self._pending = self._pending, []
         for stream, data, stamp, now in pending:
             log_time = self._newest if self._newest >= 0 else now
-            self.writer.write(stream.channel, data, log_time, stamp if stamp >= 0 else log_time)
+            self._write(stream.channel, data, log_time, stamp if stamp >= 0 else log_time)
 
     # -- the trial ---------------------------------------------------------------------------------------------------
 
@@ -162,9 +173,22 @@ class Recording:
         """Take note of the trial's state. A new ``uid`` begins a new account of ticks."""
         if self.account.follow(trial):
             self.progress = self._newest = -1
+            self._behind = len(self._gating)
         if trial.under_way and self._newest < 0:
             self._newest = trial.epoch
         self.writer.set_custom_data(trial.custom_data())
+
+    def note_answers(self, uid: int, ticks: int, topics: Iterable[str]) -> None:
+        """A node says how many ticks of trial ``uid`` it has answered on the topics that it publishes."""
+        self.account.note_answers(uid, ticks, topics)
+
+    def note_lost(self, topic: str, count: int) -> None:
+        """The middleware says that it lost so many messages of a topic."""
+        self._lost[topic] = self._lost.get(topic, 0) + count
+
+    def note_clock_jump(self, nanoseconds: int) -> None:
+        """The machine's clock was set by this [ns]; the times of reception do not follow it."""
+        self._clock_jumps.append(nanoseconds)
 
     def complete(self) -> bool:
         """Whether every per-tick topic has come as far as the trial's last tick."""
@@ -175,12 +199,17 @@ class Recording:
         return self.account.received()
 
     def lost(self) -> int:
-        """As :meth:`rig_bag.account.Account.lost`."""
-        return self.account.lost()
+        """As :meth:`rig_bag.account.Account.lost`, or what the middleware says that it lost, if that is more."""
+        return max(self.account.lost(), sum(self._lost.values()))
 
     def completeness(self) -> dict[str, str]:
         """The account as a map of strings: ``complete`` (true, false, not checked), ``lost``, and more by topic."""
         result = self.account.strings()
+        if self._lost:
+            result |= {"complete": "false", "lost": str(self.lost())}
+        result |= {f"lost by the middleware {name}": str(count) for name, count in self._lost.items()}
+        if self._clock_jumps:
+            result["clock jumps [ns]"] = json.dumps(self._clock_jumps)
         result |= {"messages": str(self.writer.messages), "bytes": str(self.writer.bytes)}
         return result | {f"count {name}": str(stream.channel.count) for name, stream in self._streams.items()}
 
@@ -202,7 +231,7 @@ class Recording:
                     {"complete": account["complete"], "lost": account["lost"], "closed_because": reason}
                 )
                 if self.trial is not None:
-                    writer.add_metadata("trial", self.trial.strings())
+                    writer.add_metadata("trial", {**writer.custom_data, **self.trial.strings()})
                 writer.add_metadata("completeness", account)
         finally:
             writer.close()

@@ -103,6 +103,8 @@ def repair(bag: str | os.PathLike[str], out: str | os.PathLike[str] | None = Non
     path = Path(bag)
     if path.is_file() and path.suffix == ".mcap":
         path = path.parent
+    if path.is_file():
+        raise BagError(f"{path} is no MCAP file; only MCAP bags can be repaired")
     if not path.is_dir():
         raise BagError(f"there is no bag {path}")
     metadata = _metadata(path)

@@ -16,6 +16,7 @@ __all__ = ["account_of", "groups_of", "recorded_counts", "schema_of", "stamps"]
 
 _SECOND = 1_000_000_000
 _TRIAL_TOPIC = "/trial/state"
+_REPORT_TYPE = "mig_interfaces/msg/NodeReport"
 
 
 def schema_of(contents: Contents, channel: Messages) -> cdr.Schema:
@@ -85,16 +86,19 @@ def account_of(files: Sequence[Contents], groups: Iterable[str]) -> Account:
                 values = stamps(contents, channel)
                 if values is not None:
                     events += [(order, ticks, stamp) for order, stamp in zip(channel.order, values, strict=True)]
-            elif contents.schemas.get(channel.schema, ("",))[0] == TRIAL_TYPE:
+            elif contents.schemas.get(channel.schema, ("",))[0] in (TRIAL_TYPE, _REPORT_TYPE):
                 schema = schema_of(contents, channel)
+                of_trial = schema.name == "mig_interfaces/TrialState"
                 events += [
-                    (order, None, Trial.from_message(schema.decode(data)))
-                    for order, data in zip(channel.order, channel.data, strict=True)
+                    (order, None, Trial.from_message(message) if of_trial else message)
+                    for order, message in zip(channel.order, map(schema.decode, channel.data), strict=True)
                 ]
         under_way = -1
         for _, ticks, value in sorted(events, key=lambda event: event[0]):
             if ticks is not None:
                 ticks.observe(value)
+            elif not isinstance(value, Trial):
+                account.note_answers(value.armed_uid, value.ticks_done, value.publishes)
             else:
                 if value.under_way:
                     under_way = value.uid

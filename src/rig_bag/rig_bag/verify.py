@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from rig_bag import cdr, definitions
+from rig_bag import definitions
 from rig_bag.account import Account
 from rig_bag.errors import BagError
 from rig_bag.mcap_audit import Audit, audit
@@ -78,7 +78,7 @@ class Verification:
         if self.ticks:
             names = [_short(group) for group in self.ticks]
             width = max(map(len, names))
-            columns = ("expected", "received", "missing", "duplicates", "late")
+            columns = ("expected", "answered", "received", "missing", "duplicates", "late")
             lines += ["", f"{'one message a tick':{width}}  " + "  ".join(f"{column:>10}" for column in columns)]
             for name, entry in zip(names, self.ticks.values(), strict=True):
                 cells = ("-" if entry[column] is None else str(entry[column]) for column in columns)
@@ -102,6 +102,8 @@ def verify(bag: str | os.PathLike[str]) -> Verification:
     path = Path(bag)
     if path.is_file() and path.suffix == ".mcap":
         path = path.parent
+    if path.is_file():
+        raise BagError(f"{path} is no MCAP file; only MCAP bags are checked")
     if not path.is_dir():
         raise BagError(f"there is no bag {path}")
     there = sorted(file.name for file in path.glob("*.mcap"))
@@ -195,6 +197,14 @@ def _against_metadata(metadata: BagMetadata, files: Sequence[Contents], counts: 
         problems.append(
             f"metadata.yaml says start {metadata.start} ns, duration {metadata.duration} ns; it is {start}, {duration}"
         )
+    for part, contents in zip(metadata.parts, files, strict=False):
+        times = [time for channel in contents.channels.values() for time in channel.log_times]
+        start, duration = (min(times), max(times) - min(times)) if times else (EMPTY_START, 0)
+        if (part.start, part.duration, part.messages) != (start, duration, len(times)) and len(metadata.parts) > 1:
+            problems.append(
+                f"metadata.yaml says of {part.path} start {part.start} ns, duration {part.duration} ns, "
+                f"{part.messages} messages; it is {start}, {duration}, {len(times)}"
+            )
     return problems + _against_copy(metadata, files)
 
 
@@ -235,6 +245,10 @@ def _about_messages(files: Sequence[Contents], counts: dict[str, int], result: V
             ticks.problems.append(f"{group}: {missing} missing between the stamps {before} and {after} ns")
         if entry["missing"] and not entry["gaps"]:
             ticks.problems.append(f"{group}: {entry['missing']} missing at the trial's begin or end")
+        # Those that its publisher speaks of, it has sent: they were lost on the way.
+        sent = min(entry["answered"] or 0, entry["received"] + entry["missing"]) - entry["received"]
+        if entry["missing"] and sent > 0:
+            ticks.problems.append(f"{group}: {sent} of them were lost on the way: its node says that it answered them")
         if entry["duplicates"]:
             ticks.problems.append(f"{group}: {entry['duplicates']} are there twice")
     ticks.asked = bool(groups)
@@ -244,7 +258,7 @@ def _about_messages(files: Sequence[Contents], counts: dict[str, int], result: V
     else:
         differ = [topic for topic, count in recorded.items() if counts.get(topic, 0) != count]
         ticks.problems += [
-            f"{topic}: the recorder counted {recorded['counts'][topic]}, the files hold {counts.get(topic, 0)}"
+            f"{topic}: the recorder counted {recorded[topic]}, the files hold {counts.get(topic, 0)}"
             for topic in differ
         ]
     if account.trial is not None and not account.trial.ended:
@@ -294,12 +308,8 @@ def _definitions(files: Sequence[Contents]) -> Check:
                 check.notes.append(f"{name} is not installed here, so it is not compared")
                 continue
             if text.decode() != installed:
-                _compare(name, recorded, installed, check)
+                if definitions.as_installed(recorded):
+                    check.notes.append(f"{name}: only comments differ from what is installed")
+                else:
+                    check.problems.append(f"{name} was recorded with other fields than the installed definition has")
     return check
-
-
-def _compare(name: str, recorded: cdr.Schema, installed: str, check: Check) -> None:
-    if recorded == cdr.parse(name, installed):
-        check.notes.append(f"{name}: only comments differ from what is installed")
-    else:
-        check.problems.append(f"{name} was recorded with other fields than the installed definition has")

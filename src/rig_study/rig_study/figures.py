@@ -129,12 +129,16 @@ def timing(trial: RecordedTrial) -> str:
     return svg(figure)
 
 
+#: [s] over which differing verdicts are counted.
+_WINDOW = 0.5
+
+
 def counterfactual(derived: Rederived, title: str) -> str:
     """Criterion, verdicts and applied control of each decision, as recorded and as another filter would have it."""
     recorded, other = derived.inputs.decisions, derived.decisions
     sample = derived.inputs.scenario.loop.sample_time
     time = recorded["tick"] * sample
-    figure, axes = axes_of(3 + other["applied_control"].shape[1], 1.7)
+    figure, axes = axes_of(4 + other["applied_control"].shape[1], 1.7)
     figure.suptitle(
         f"{title}\nA counterfactual on the recorded states and wrenches: the trajectory would have been another one",
         fontsize="medium",
@@ -149,8 +153,14 @@ def counterfactual(derived: Rederived, title: str) -> str:
         _shade(ax, time, values["verdict"], sample)
         ax.set_yticks([])
         ax.set_ylabel(name)
+    # A user that is noise has verdicts too short to be seen; how many of them differ, and when, can be.
+    width = max(1, round(_WINDOW / sample))
+    differs = np.convolve(recorded["verdict"] != other["verdict"], np.full(width, 100.0 / width), "same")
+    axes[3].fill_between(time, differs, color=LINES[0], lw=0.0, alpha=0.6)
+    axes[3].set_ylim(0.0, 100.0)
+    label(axes[3], f"other verdicts\nwithin {_WINDOW} s", "%")
     names, units = derived.inputs.trial.control_names, derived.inputs.trial.control_units
-    for index, ax in enumerate(axes[3:]):
+    for index, ax in enumerate(axes[4:]):
         for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", LINES[1])):
             ax.step(time, values["applied_control"][:, index], where="post", color=colour, lw=0.8, label=name)
         label(ax, f"applied {names[index]}", units[index])

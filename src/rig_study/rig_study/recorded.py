@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,13 @@ class RecordedTrial:
         return {name: float(np.mean(self.verdict == k)) for k, name in enumerate(VERDICTS)}
 
 
+#: The fields that are needed here; a bag of another version of the messages may lack some.
+_OF_STATE = ("tick", "time", "state", "in_success_region", "held")
+_OF_CONTROL = ("user_control", "applied_control")
+_OF_DECISION = ("tick", *_OF_CONTROL, "verdict", "reason", "mode", "criterion", "compute_time", "state_age")
+_OF_TRIAL = ("phase", "message", "task", "pacing", "sample_time", "scenario", "seed")
+
+
 def load(bag: str | Path) -> RecordedTrial:
     """Read a recorded trial.
 
@@ -86,8 +93,8 @@ def load(bag: str | Path) -> RecordedTrial:
     BagError: the bag cannot be read.
     """
     topics = rig_bag.read(bag)
-    state, decision = only(topics, "task/state", bag), only(topics, "mig_filter/decision", bag)
-    trial = only(topics, "trial/state", bag)
+    state, decision = only(topics, "task/state", bag, _OF_STATE), only(topics, "mig_filter/decision", bag, _OF_DECISION)
+    trial = only(topics, "trial/state", bag, _OF_TRIAL)
     if not len(trial):
         raise TrialError(f"{bag} holds no state of the trial: it ended before it began")
     last = row(trial, -1)
@@ -162,13 +169,23 @@ def scenario_of(bag: str | Path) -> Scenario:
     return science.load(content)
 
 
-def only(topics: dict[str, Any], name: str, bag: str | Path) -> Any:
-    """The one topic of this name, whatever its namespace; TrialError if there is none, or another."""
+def only(topics: dict[str, Any], name: str, bag: str | Path, fields: Sequence[str] = ()) -> Any:
+    """The one topic of this name, whatever its namespace; TrialError if there is none, or another, or a field lacks."""
     found = [topic for topic in topics if topic.endswith(f"/{name}")]
     if len(found) != 1:
         there = ", ".join(topics) or "none"
         raise TrialError(f"{bag} has {len(found)} topics {name}; a trial has one. It has: {there}")
-    return topics[found[0]]
+    table = topics[found[0]]
+    if len(table):
+        has = vars(table[0]) if isinstance(table, list) else table.dtype.names
+        lacks = [
+            field for field in fields if field not in has and not any(str(key).startswith(f"{field}.") for key in has)
+        ]
+        if lacks:
+            raise TrialError(
+                f"{bag}: {found[0]} has no {', '.join(lacks)}: it was recorded with another version of the messages"
+            )
+    return table
 
 
 def row(table: Any, index: int) -> Any:

@@ -15,9 +15,15 @@ from shared_control import scenario as science
 from shared_control.filter import INPUT_FAULTS
 from shared_control.scenario import Scenario
 
-__all__ = ["RecordedInputs", "load_inputs", "user_forces"]
+__all__ = ["FIELDS", "RecordedInputs", "load_inputs", "user_forces"]
 
 Array = npt.NDArray[Any]
+
+#: What is compared, as :class:`shared_control.loop.FilterOutcome` and ``FilterDecision`` both have it.
+FIELDS = (
+    *("mode", "verdict", "reason", "criterion", "threshold", "user_control", "nominal_control", "applied_control"),
+    *("admitted_force", "added_force"),
+)
 
 #: Reasons of a decision that did not look at state and wrench of its tick, or had kept an earlier fault.
 UNSEEN = tuple(INPUT_FAULTS)
@@ -58,9 +64,9 @@ def load_inputs(bag: str | Path, scenario: str | None = None) -> RecordedInputs:
     TrialError: the bag is of no trial, or something in the middle of it is missing. BagError, ScenarioError: as above.
     """
     topics = rig_bag.read(bag)
-    state, wrench, decision, trial = (
-        only(topics, name, bag) for name in ("task/state", "force_sensor/wrench", "mig_filter/decision", "trial/state")
-    )
+    state, wrench = only(topics, "task/state", bag, ("state", "mode")), only(topics, "force_sensor/wrench", bag)
+    decision = only(topics, "mig_filter/decision", bag, ("tick", "user_force", *FIELDS))
+    trial = only(topics, "trial/state", bag, ("scenario", "seed"))
     if not len(trial) or not len(state) or not len(decision):
         raise TrialError(f"{bag} holds no tick: there is nothing that could be re-derived")
     if isinstance(state, list) or isinstance(decision, list):

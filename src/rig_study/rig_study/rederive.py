@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig_study.recorded import VERDICTS
-from rig_study.recorded_inputs import UNSEEN, RecordedInputs
+from rig_study.recorded_inputs import FIELDS, UNSEEN, RecordedInputs
 from shared_control import loop
 from shared_control.filter import Reason
 from shared_control.scenario import Scenario
@@ -29,12 +29,6 @@ from shared_control.users import UserConfig
 __all__ = ["FIELDS", "Difference", "Rederived", "rederive", "simulate"]
 
 Array = npt.NDArray[Any]
-
-#: What is compared, as :class:`shared_control.loop.FilterOutcome` and ``FilterDecision`` both have it.
-FIELDS = (
-    *("mode", "verdict", "reason", "criterion", "threshold", "user_control", "nominal_control", "applied_control"),
-    *("admitted_force", "added_force"),
-)
 
 
 @dataclass(frozen=True)
