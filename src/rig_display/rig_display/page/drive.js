@@ -52,6 +52,9 @@ link.addEventListener("closed", ({ detail }) => {
 });
 link.addEventListener("stopping", () => show());
 
+// Whatever the hand does, nothing is pushed until it is released.
+const halted = () => link.stopping || Boolean(status?.hand.stopped || status?.faults.length);
+
 function keepTime(row) {
   const inside = row[3] & 1;
   if (!inside) held = { since: null, time: 0 };
@@ -116,8 +119,7 @@ function show(closed = "") {
   $("count").textContent = now.count ?? "";
   $("act").hidden = !now.act;
   if (now.act) [$("act").textContent, act] = now.act;
-  const halted = link.stopping || (ready && (status.hand.stopped || status.faults.length));
-  $("veil").classList.toggle("stopped", Boolean(halted));
+  $("veil").classList.toggle("stopped", halted());
   $("leave").hidden = !hand.driving;
   if (!ready) return;
   $("where").textContent = where(status.trial);
@@ -139,7 +141,7 @@ function frame(now) {
   if (!task || !view.begin()) return;
   const row = playback.at(now) ?? { state: task.initial, time: 0, inside: false, force: [0, 0, 0], passed: [] };
   const grip = scene.draw(view, row);
-  if (hand.driving) drawHand(grip);
+  if (hand.driving && !halted()) drawHand(grip);
   drawGauge();
   $("clock").textContent = row.time.toFixed(1);
   say(row);
@@ -230,7 +232,8 @@ function drawGauge() {
   if (!gauge.begin()) return;
   const { pen, width, height } = gauge;
   const limit = task.limits[0] || task.limits[hand.upright];
-  const value = task.limits[0] ? hand.force[0] : hand.force[hand.upright];
+  const force = halted() ? [0, 0, 0] : hand.force;
+  const value = task.limits[0] ? force[0] : force[hand.upright];
   const [left, right, y] = [34, width - 34, 0.3 * height];
   const to = (newtons) => 0.5 * (left + right) + (0.5 * (right - left) * newtons) / limit;
   pen.fillStyle = colour("line");
@@ -245,7 +248,7 @@ function drawGauge() {
   for (const mark of [-limit, limit]) pen.fillText(`${mark.toFixed(0)} N`, to(mark), height - 1);
   gauge.font(17, 650);
   const both = task.limits[0] && task.limits[hand.upright];
-  const up = both ? `   ↑ ${hand.force[hand.upright].toFixed(0)} N` : "";
+  const up = both ? `   ↑ ${force[hand.upright].toFixed(0)} N` : "";
   pen.fillText(`${both ? "→ " : ""}${value.toFixed(0)} N${up}`, to(0), height - 1);
 }
 
