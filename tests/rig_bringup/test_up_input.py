@@ -15,6 +15,7 @@ import yaml
 from rig_bringup import up
 from rig_bringup.provision import machine
 from rig_bringup.provision.steps import failure_reason, mend_include_paths
+from rig_runtime.claim import Claim
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -211,3 +212,20 @@ def test_within_its_own_environment_the_set_up_has_nothing_new_to_do() -> None:
     }
     assert base != sys.executable
     assert len(set(said.values())) == 1
+
+
+def test_a_namespace_that_is_taken_is_refused_before_anything_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "77")
+    namespace, out = f"taken_{os.getpid()}", tmp_path / "run"
+    other = Claim(77, namespace)
+    try:
+        assert up.main(["--namespace", namespace, "--out", str(out)]) == 2
+    finally:
+        other.close()
+    assert f"another graph paces /{namespace} on domain 77" in capsys.readouterr().err
+    assert not out.exists()
+    monkeypatch.setenv("ROS_DOMAIN_ID", "mine")
+    assert up.main(["--namespace", namespace, "--out", str(out)]) == 2
+    assert "ROS_DOMAIN_ID=mine: must be a whole number" in capsys.readouterr().err
