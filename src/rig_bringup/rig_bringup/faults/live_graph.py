@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from mig_interfaces.msg import TrialState
 from rig_bag import BagError, read
 from rig_bag.repair import repair
-from rig_bag.verify import verify
+from rig_bag.verify import Verification, verify
 from rig_bringup.faults.hand import Hand
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.scenario import parameter_file
@@ -225,8 +225,7 @@ class LiveGraph:
             recorded = {int(stamp) for stamp in read(bag, [topic])[topic]["stamp"]}
         except BagError as error:
             raise FaultError(f"the bag cannot be read: {error}") from error
-        # What the table does to the nodes must show in the ticks, and nowhere else.
-        if problems := [check.problems[0] for check in found.checks if check.name != "ticks" and check.problems]:
+        if problems := self._problems(found):
             raise FaultError(f"the bag is not as it should be: {'; '.join(problems)}")
         first, last = min(recorded, default=0), max(recorded, default=0)
         gaps = [(before, after) for before, after, _ in found.ticks[topic]["gaps"]]
@@ -241,6 +240,12 @@ class LiveGraph:
                 f"{len(lost)} decisions were heard, and the bag neither has them nor says that it lacks them"
             )
         return f"{sum(found.counts.values())} messages, undamaged; {len(recorded)} decisions, every gap told"
+
+    def _problems(self, found: Verification) -> list[str]:
+        """What is wrong with a bag besides what the table did: ticks that nobody answered, wrenches out of order."""
+        wrench = f"/{self.namespace}/{topics.WRENCH.name}: the stamp goes back"
+        checks = [check for check in found.checks if check.name != "ticks"]
+        return [problem for check in checks for problem in check.problems if not problem.startswith(wrench)]
 
     def repair(self) -> str:
         """Make a whole bag of the one that was cut, and say how much it holds.
@@ -258,7 +263,7 @@ class LiveGraph:
         count = sum(repaired.messages.values())
         if not count:
             raise FaultError("the repaired bag holds nothing")
-        if problems := [check.problems[0] for check in found.checks if check.name != "ticks" and check.problems]:
+        if problems := self._problems(found):
             raise FaultError(f"the repaired bag is not as it should be: {'; '.join(problems)}")
         return f"{count} messages in the repaired bag"
 

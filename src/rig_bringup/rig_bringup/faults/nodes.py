@@ -110,9 +110,11 @@ def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
     for _ in range(min(repeats, MOST_STARTS)):
         graph.kill("recorder")
         graph.ticks(100)
-        expect_every_tick_once(graph)
-        remark = graph.repair()
-        graph.new_bag()
+        try:
+            expect_every_tick_once(graph)
+            remark = graph.repair()
+        finally:
+            graph.new_bag()
         # Long enough for something to be on the disk, so that there is something to repair.
         graph.ticks(150)
     return Seen([], f"{min(repeats, MOST_STARTS)} of {min(repeats, MOST_STARTS)} bags repaired; the last: {remark}")
@@ -124,18 +126,18 @@ def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
     "the loop does not notice; counted",
 )
 def _recorder_overrun(graph: LiveGraph, _: int) -> Seen:
+    def lost() -> int:
+        return graph.hand.recorders.get(str(graph.bags[-1]), ("", 0))[1]
+
+    before = lost()
     graph.stop("recorder")
     try:
         graph.ticks(8 * topics.DEPTH)
     finally:
         graph.resume("recorder")
     expect_every_tick_once(graph)
-
-    def lost() -> int:
-        return graph.hand.recorders.get(str(graph.bags[-1]), ("", 0))[1]
-
-    graph.wait(lambda: lost() > 0, "what was lost has not been counted on recorder/state", limit=30.0)
-    return Seen([], f"{lost()} ticks of its topics counted as lost")
+    graph.wait(lambda: lost() > before, "what was lost has not been counted on recorder/state", limit=30.0)
+    return Seen([], f"{lost() - before} ticks of its topics counted as lost")
 
 
 @row(
@@ -173,6 +175,8 @@ def _filter_slow(graph: LiveGraph, _: int) -> Seen:
         controller_tolerance=0.0,
         threshold=-1e9,
     )
+    # What the one before it said.
+    graph.hand.diagnostics.pop("mig_filter", None)
     try:
         graph.wait(lambda: graph.hand.warned("mig_filter", "ticks") > 0, "the slow filter has not decided anything")
         graph.hand.forget()
