@@ -225,7 +225,7 @@ class LiveGraph:
             recorded = {int(stamp) for stamp in read(bag, [topic])[topic]["stamp"]}
         except BagError as error:
             raise FaultError(f"the bag cannot be read: {error}") from error
-        if problems := self._problems(found):
+        if problems := self.problems(found):
             raise FaultError(f"the bag is not as it should be: {'; '.join(problems)}")
         first, last = min(recorded, default=0), max(recorded, default=0)
         gaps = [(before, after) for before, after, _ in found.ticks[topic]["gaps"]]
@@ -241,7 +241,7 @@ class LiveGraph:
             )
         return f"{sum(found.counts.values())} messages, undamaged; {len(recorded)} decisions, every gap told"
 
-    def _problems(self, found: Verification) -> list[str]:
+    def problems(self, found: Verification) -> list[str]:
         """What is wrong with a bag besides what the table did: ticks that nobody answered, wrenches out of order."""
         wrench = f"/{self.namespace}/{topics.WRENCH.name}: the stamp goes back"
         checks = [check for check in found.checks if check.name != "ticks"]
@@ -263,7 +263,7 @@ class LiveGraph:
         count = sum(repaired.messages.values())
         if not count:
             raise FaultError("the repaired bag holds nothing")
-        if problems := self._problems(found):
+        if problems := self.problems(found):
             raise FaultError(f"the repaired bag is not as it should be: {'; '.join(problems)}")
         return f"{count} messages in the repaired bag"
 
