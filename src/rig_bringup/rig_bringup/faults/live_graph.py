@@ -139,15 +139,17 @@ class LiveGraph:
         if node == "recorder":
             self.bags.append(self.folder / f"bag_{len(self.bags)}")
             self.hand.heard.clear()
-            parameters["uri"] = self.bags[-1]
+            parameters["uri"] = str(self.bags[-1])
         self.processes[node] = self.start_process(node, node, self.namespace, **parameters)
 
     def start_process(self, like: str, name: str, namespace: str, **parameters: object) -> GraphProcess:
         """Start a node like one of the graph's under a name of its own; it is the caller's to stop."""
         arguments = ["--ros-args", "-r", f"__ns:=/{namespace}", "-r", f"__node:={name}"]
         arguments += ["--params-file", str(self.parameters)]
-        for key, value in parameters.items():
-            arguments += ["-p", f"{key}:={value}"]
+        if parameters:
+            more = self.folder / f"{namespace}_{name}.yaml"
+            more.write_text(parameter_file({f"/**/{name}": parameters}))
+            arguments += ["--params-file", str(more)]
         command = [*self.around(like), "ros2", "run", *self.nodes[like], *arguments]
         environment = {**scheduling("realtime"), **self.environment()}
         return GraphProcess(command, self.folder / f"{namespace}_{name}.log", environment)

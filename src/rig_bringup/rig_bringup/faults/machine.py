@@ -104,7 +104,7 @@ def _disk_full(graph: LiveGraph, _: int) -> Seen:
     if mounted.returncode:
         raise NotHereError(f"needs the right to mount a small disk: {mounted.stderr.strip()}")
     try:
-        recorder = graph.start_process("recorder", "second_recorder", graph.namespace, uri=disk / "bag")
+        recorder = graph.start_process("recorder", "second_recorder", graph.namespace, uri=str(disk / "bag"))
         try:
             graph.wait(
                 lambda: "space" in graph.hand.recorders.get(str(disk / "bag"), ("", 0))[0],
