@@ -39,4 +39,8 @@ def test_what_there_is_no_row_for_is_said(capsys) -> None:
 
 def test_the_rows_are_listed(capsys) -> None:
     assert main(["--list", "filter"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["filter/stopped", "filter/killed"]
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
+        "filter/stopped",
+        "filter/killed",
+        "filter/overruns",
+    ]
