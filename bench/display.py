@@ -7,8 +7,6 @@ same machine, so the loop shares the processors with a browser that draws in sof
 from __future__ import annotations
 
 import asyncio
-import bisect
-import itertools
 import math
 import os
 import socket
@@ -25,16 +23,14 @@ from typing import Any
 import aiohttp
 import loop
 from browser import NO_BROWSER, browser_path, chromium
-from geometry_msgs.msg import WrenchStamped
 from live import LIMIT, in_own_domain
-from rows import BenchError, Row, alternate, percentile
+from rows import BenchError, Row, alternate
 
 from mig_interfaces.msg import TrialState
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.monitor import Monitor
 from rig_bringup.up import graph_command, scheduling
-from rig_runtime import topics
 
 #: [s] A trial: about a thousand events of the pointer.
 _DURATION = 10.0
@@ -62,18 +58,14 @@ class Trial:
 
     missed: int
     pointer: tuple[float, float] = (math.nan, math.nan)  # [ms] p50, p99, by the node
-    outside: tuple[float, ...] = ()  # [ms] from the command to the browser to the wrench at another node
     stats: tuple[dict[str, float], ...] = ()
 
 
 class Watcher:
-    """A node beside the graph, served by a thread: what is the trial doing, when came which wrench."""
+    """A node beside the graph, served by a thread: what is the trial doing."""
 
     def __init__(self) -> None:
         self.monitor = Monitor("rig")
-        self.forces: list[tuple[float, float]] = []  # [s], [N] each new one
-        wrench = topics.WRENCH
-        self.monitor._node.create_subscription(wrench.type, wrench.name, self._on_wrench, wrench.qos)
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
 
@@ -85,16 +77,11 @@ class Watcher:
     def __exit__(self, *error: object) -> None:
         self._end.set()
         self._thread.join(LIMIT)
-        self.monitor.__exit__(*error)
+        self.monitor.__exit__()
 
     def _serve(self) -> None:
         while not self._end.is_set():
             self.monitor.wait(0.1)
-
-    def _on_wrench(self, wrench: WrenchStamped) -> None:
-        force = wrench.wrench.force.x
-        if not self.forces or self.forces[-1][1] != force:
-            self.forces.append((time.monotonic(), force))
 
     @property
     def phase(self) -> int:
@@ -147,14 +134,13 @@ def _person(browser: Any, watchers: int) -> Trial:
             page.get_by_role("button", name="Take control").click()
             page.get_by_role("button", name="Start").click()
             _until(lambda: watcher.phase >= TrialState.PHASE_RUNNING, graph, lambda s: page.wait_for_timeout(1e3 * s))
-            moves = _drag(page, watcher)
+            _drag(page, watcher)
             _until(lambda: watcher.monitor.over, graph, lambda s: page.wait_for_timeout(1e3 * s))
             said = watcher.monitor.values["/rig/display"]
             assert watcher.monitor.trial is not None
             return Trial(
                 watcher.monitor.trial.missed_deadlines,
                 (float(said["pointer to wrench p50 [ms]"]), float(said["pointer to wrench p99 [ms]"])),
-                _arrivals(moves, watcher.forces),
                 tuple(page.evaluate("window.stats")),
             )
 
@@ -173,37 +159,19 @@ def _listens(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def _drag(page: Any, watcher: Watcher) -> list[tuple[float, float]]:
-    """Drag to and fro until the trial is over; when [s] the browser was told of which force [N]."""
+def _drag(page: Any, watcher: Watcher) -> None:
+    """Drag to and fro until the trial is over."""
     box = page.locator("#view").bounding_box()
     reach = 0.24 * min(box["width"], box["height"])
     x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.move(x, y)
     page.mouse.down()
-    moves = []
     for step in range(10**6):
         if watcher.monitor.over:
             break
-        dx = round(0.9 * reach * math.sin(0.05 * step))
-        moves.append((time.monotonic(), 40.0 * dx / reach))
-        page.mouse.move(x + dx, y)
+        page.mouse.move(x + round(0.9 * reach * math.sin(0.05 * step)), y)
         page.wait_for_timeout(5)
     page.mouse.up()
-    return moves
-
-
-def _arrivals(moves: list[tuple[float, float]], forces: list[tuple[float, float]]) -> tuple[float, ...]:
-    """[ms] From each move to the first wrench that has its force; of those that another overtook none."""
-    times = [at for at, _ in forces]
-    found = []
-    for (told, force), (later, _) in itertools.pairwise(moves):
-        for at, seen in forces[bisect.bisect(times, told) :]:
-            if at > later + 0.1:
-                break
-            if math.isclose(seen, force, abs_tol=1e-4):
-                found.append(1e3 * (at - told))
-                break
-    return tuple(found)
 
 
 class Crowd:
@@ -258,13 +226,11 @@ def rows(runs: int) -> list[Row]:
             runs, _simulated, lambda: _person(browser, 0), lambda: _person(browser, _WATCHERS)
         )
     found = []
-    for name, share, index, wanted in (("p50", 0.5, 0, "value < 8"), ("p99", 0.99, 1, "value < 20")):
+    for index, name, wanted in ((0, "p50", "value < 8"), (1, "p99", "value < 20")):
         found.append(
             Row(
                 *(f"display.pointer.{name}", f"pointer event to wrench published, by the node, {name}", "ms"),
                 tuple(trial.pointer[index] for trial in alone),
-                "from the command to the browser to the wrench at another node",
-                tuple(percentile(trial.outside, share) for trial in alone),
                 wanted=wanted,
             )
         )
