@@ -1,0 +1,191 @@
+"""`./rig run python tests/mutation.py`: is every line of the filter and the measures held by a test?
+
+Each mutant differs from the source in one place (a comparison, a sign, a number, a call left out). Its tests run in a
+process that was forked when numba was loaded. A mutant that no test kills is printed; a test has to be written, or it
+stands in EQUIVALENT with the reason why nothing can tell it from the source.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import importlib
+import importlib.abc
+import importlib.machinery
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ROOT / "src" / "shared_control" / "shared_control"
+
+#: Module and the tests that hold it.
+TARGETS = {
+    "filter": ("test_filter.py", "test_loop.py", "test_trial.py"),
+    "decision": ("test_filter.py",),
+    "measures": ("test_measures.py", "test_trial.py"),
+}
+
+#: (module, mutant as it is printed): why nothing can tell it from the source.
+EQUIVALENT = {
+    ("measures", "np.ptp(speed) > 0.0  ->  np.ptp(speed) >= 0.0"): "a correlation with a constant is NaN either way",
+}
+
+#: [s] A mutant whose tests take longer never ends.
+LIMIT = 120
+
+#: Loaded before the fork: what costs seconds and holds no target.
+_HEAVY = ("numba", "numpy", "scipy.stats", "pytest", "hypothesis", "shared_control.mig")
+
+_SWAPS: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Add: ast.Sub, ast.Sub: ast.Add,
+    ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And, ast.Pow: ast.Mult,
+    ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr,
+}  # fmt: skip
+
+
+def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
+    """Each mutant of a module: where and what, and the module."""
+    for place, (node, name, index) in enumerate(_places(tree)):
+        changed = copy.deepcopy(tree)
+        twin, _, _ = list(_places(changed))[place]
+        before = ast.unparse(node)
+        old = getattr(twin, name) if index is None else getattr(twin, name)[index]
+        new = _mutated(old)
+        if index is None:
+            setattr(twin, name, new)
+        else:
+            getattr(twin, name)[index] = new
+        line = getattr(old, "lineno", getattr(node, "lineno", 0))
+        after = ast.unparse(ast.fix_missing_locations(twin))
+        if isinstance(node, (ast.FunctionDef, ast.If, ast.For, ast.ClassDef, ast.With)):
+            before, after = ast.unparse(old), ast.unparse(new)
+        yield f"line {line}: {before}  ->  {after}", changed
+
+
+def _places(node: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
+    """Parent, field and index of everything that a mutant changes."""
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns", "decorator_list", "type_params", "bases", "exc", "keywords"):
+            continue  # declarations and sentences
+        children = [(value, None)] if isinstance(value, ast.AST) else []
+        if isinstance(value, list):
+            children = [(child, index) for index, child in enumerate(value) if isinstance(child, ast.AST)]
+        for child, index in children:
+            if isinstance(child, (ast.Assert, ast.Import, ast.ImportFrom)) or _declares(child):
+                continue
+            if _mutated(child) is not None:
+                yield node, name, index
+            yield from _places(child)
+
+
+def _declares(node: ast.AST) -> bool:
+    if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Call):
+        return ast.unparse(node.value.func) == "parameter"
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+
+
+def _mutated(node: ast.AST) -> ast.AST | None:
+    if type(node) in _SWAPS:
+        return _SWAPS[type(node)]()
+    if isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        return ast.Constant(not node.value)
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        return ast.Constant(node.value + 1)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Not, ast.USub)):
+        return node.operand
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+        return ast.Pass()
+    if isinstance(node, ast.IfExp):
+        return node.body
+    return None
+
+
+class _Instead(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Finds one module, whose code is a mutant's."""
+
+    def __init__(self, name: str, path: Path, tree: ast.Module) -> None:
+        self._name, self._path, self._tree = name, path, tree
+
+    def find_spec(self, fullname: str, *_: object) -> importlib.machinery.ModuleSpec | None:
+        if fullname != self._name:
+            return None
+        return importlib.machinery.ModuleSpec(fullname, self, origin=str(self._path))
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__file__ = str(self._path)
+        exec(compile(ast.fix_missing_locations(self._tree), str(self._path), "exec"), module.__dict__)  # noqa: S102
+
+
+def survives(target: str, tree: ast.Module) -> bool:
+    """Whether the tests of a module pass with this in its place."""
+    child = os.fork()
+    if child == 0:
+        _be_mutant(target, tree)
+    end = time.monotonic() + LIMIT
+    while time.monotonic() < end:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return status == 0
+        time.sleep(0.01)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return False
+
+
+def _be_mutant(target: str, tree: ast.Module) -> None:
+    import pytest
+
+    name = f"shared_control.{target}"
+    assert name not in sys.modules, f"{name} was loaded before the fork"
+    sys.meta_path.insert(0, _Instead(name, SOURCES / f"{target}.py", tree))
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 1)
+    os.dup2(null, 2)
+    tests = [str(ROOT / "tests" / "shared_control" / file) for file in TARGETS[target]]
+    code = 1
+    try:
+        code = int(pytest.main(["-x", "-q", "--rootdir", str(ROOT), *tests]))
+    finally:
+        os._exit(code)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """0 if every mutant is killed or explained."""
+    parser = argparse.ArgumentParser(prog="./rig run python tests/mutation.py", description=__doc__)
+    parser.add_argument("target", nargs="*", help=f"only these: {', '.join(TARGETS)}")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth mutant")
+    options = parser.parse_args(argv)
+    sys.path.insert(0, str(ROOT / "tests"))
+    os.chdir(ROOT)
+    for name in _HEAVY:
+        importlib.import_module(name)
+    code = 0
+    for target in options.target or TARGETS:
+        tree = ast.parse((SOURCES / f"{target}.py").read_text(encoding="utf-8"))
+        assert survives(target, copy.deepcopy(tree)), f"the tests of {target} fail without a mutant"
+        found = list(mutants(tree))[:: options.every]
+        begin, alive, explained = time.monotonic(), 0, 0
+        for what, mutant in found:
+            if (target, what.partition(": ")[2]) in EQUIVALENT:
+                explained += 1
+            elif survives(target, mutant):
+                alive += 1
+                print(f"{target}.py, {what}", flush=True)
+        seconds = time.monotonic() - begin
+        killed = len(found) - alive - explained
+        print(
+            f"{target}: {len(found)} mutants, {killed} killed, {explained} equivalent, {alive} alive; {seconds:.0f} s"
+        )
+        code |= alive > 0
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
