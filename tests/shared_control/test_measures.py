@@ -123,3 +123,14 @@ def test_slip_that_follows():
     for options in ({"wanted_speed": wanted[1:]}, {"action": np.ones(5)}):
         with pytest.raises(ParameterError):
             slip(states, DT, **options)
+
+
+def test_a_trial_without_a_tick_has_measures():
+    """It begins and ends hanging, or standing: its state is there, its time is not."""
+    hanging = cart_pendulum(trajectory((1, math.pi, 0.0)), DT)
+    assert not hanging.success
+    assert (hanging.time_to_success, hanging.balance_time) == (0.0, 0.0)
+    assert not slip(np.array([[0.0, 1.0, 1.0, 0.0, 0.0]]), DT).fell
+    for measures, width in ((cart_pendulum, 4), (slip, 5)):
+        with pytest.raises(ParameterError, match="states"):
+            measures(np.zeros((0, width)), DT)
