@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from rig_bag.mcap_scan import scan
 from rig_bag.opening import place_of
 from rig_bag.recorder import RecorderNode
 from rig_bag.recording import Trial
+from rig_bag.verify import verify
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 EPOCH = 1_000_000_000_000
@@ -308,6 +310,94 @@ def test_patterns_and_types_that_are_not_there(single_graph: Any, tmp_path: Path
     graph.until(lambda: _written(recorder) >= 3)
     recorder.close()
     assert {message.topic for message in messages(tmp_path / "bag")} == {"/rig/a/one", "/rig/a/two", "/rig/a/late"}
+
+
+def test_a_bag_is_split_and_labelled_as_asked_for(single_graph: Any, tmp_path: Path) -> None:
+    graph = single_graph
+    (tmp_path / "qos.yaml").write_text("/text: {reliability: best_effort, depth: 7}\n")
+    publishers = [graph.node.create_publisher(String, name, QoSProfile(depth=100)) for name in ("/text", "/other")]
+    recorder = _recorder(
+        graph,
+        uri=str(tmp_path / "bag"),
+        topics=[""],
+        regex="^/(text|other)$",
+        exclude_topics=["/other"],
+        follow_trial=False,
+        max_bag_size=1,
+        custom_data=["subject=s07", "note=a=b"],
+        qos_profile_overrides_path=str(tmp_path / "qos.yaml"),
+    )
+    graph.until(_matched(recorder, publishers[0]))
+    readers = graph.node.get_subscriptions_info_by_topic("/text")
+    assert [reader.qos_profile.reliability for reader in readers] == [ReliabilityPolicy.BEST_EFFORT]
+    for number in range(3):
+        publishers[0].publish(String(data=f"{number}"))
+        before = recorder.recording.writer.file
+        graph.until(lambda number=number: recorder.recording.writer.messages >= number + 1)
+        recorder.recording.writer.flush()
+        assert number == 0 or recorder.recording.writer.file != before
+    recorder.close()
+    metadata = info(tmp_path / "bag").metadata
+    assert len(metadata.files) == 3
+    assert [topic.name for topic in metadata.topics] == ["/text"]
+    assert (metadata.custom_data["subject"], metadata.custom_data["note"]) == ("s07", "a=b")
+    assert [message.data[8:9] for message in messages(tmp_path / "bag", ["/text"])] == [b"0", b"1", b"2"]
+
+
+def test_a_clock_that_is_set_does_not_move_the_bags_times(
+    single_graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    graph = single_graph
+    set_by = [0]
+    monkeypatch.setattr("rig_bag.recorder._wall", lambda: time.time_ns() + set_by[0])
+    publisher = graph.node.create_publisher(String, "text", QoSProfile(depth=100))
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"), topics=["text"], follow_trial=False)
+    graph.until(_matched(recorder, publisher))
+    for hours in (0, -5, 3):
+        set_by[0] = hours * 3_600_000_000_000
+        recorder._watch()
+        before = _written(recorder)
+        publisher.publish(String(data="x"))
+        graph.until(lambda before=before: _written(recorder) == before + 1)
+    recorder.close()
+    said = capfd.readouterr().err
+    assert "clock was set by -18000." in said
+    assert "clock was set by +28800." in said
+    times = [message.log_time for message in messages(tmp_path / "bag")]
+    assert times == sorted(times)
+    assert times[-1] - times[0] < 3_600_000_000_000
+    account = dict(scan(tmp_path / "bag" / "bag_0.mcap").metadata)["completeness"]
+    jumps = json.loads(account["clock jumps [ns]"])
+    assert [round(jump / 3_600_000_000_000) for jump in jumps] == [-5, 8]
+    assert verify(tmp_path / "bag").ok
+
+
+def test_publishers_that_vanish_are_named_and_a_trial_without_its_pacemaker_ends_its_bag(
+    single_graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState], capfd: pytest.CaptureFixture[str]
+) -> None:
+    graph = single_graph
+    loop = Loop(graph, trial_state)
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"), settle_limit=0.2)
+    graph.until(_matched(recorder, *loop.publishers.values(), loop.trial))
+    loop.announce(TrialState.PHASE_ARMING)
+    loop.announce(TrialState.PHASE_RUNNING)
+    for tick in range(10):
+        loop.tick(tick)
+    graph.until(lambda: _written(recorder) >= 62)
+    recorder._watch()
+    graph.node.destroy_publisher(loop.publishers["mig_filter/decision"])
+    graph.until(lambda: not recorder.matched()["/rig/mig_filter/decision"])
+    recorder._watch()
+    assert "no longer published: /rig/mig_filter/decision" in capfd.readouterr().err
+    assert not recorder.closed.done()
+    graph.node.destroy_publisher(loop.trial)
+    graph.until(recorder.closed.done)
+    assert recorder.closed.result() == "the publisher of /rig/trial/state vanished during the trial"
+    assert not recorder.failed
+    found = verify(tmp_path / "bag")
+    assert found.ok, found.text()
+    assert found.counts["/rig/task/state"] == 10
+    assert info(tmp_path / "bag").metadata.custom_data["complete"] == "false"
 
 
 def test_a_topic_is_recorded_on_when_its_publisher_comes_back(single_graph: Any, tmp_path: Path) -> None:

@@ -142,6 +142,8 @@ class RecorderNode(RigNode):
         )
         for topic, declared in self._declared.items():
             self._streams[topic] = recording.add_topic(topic, *declared)
+        # From the first moment on a bag that is cut says what it is of.
+        writer.flush()
         self.recording = recording
         self._reason = ""
         self._publish_state()
@@ -215,6 +217,7 @@ class RecorderNode(RigNode):
             declared = (types[0], qos_of_publishers, str(publishers[0].topic_type_hash))
             if self.recording is not None:
                 self._streams[topic] = self.recording.add_topic(topic, *declared)
+                self.recording.writer.flush()
             self._declared[topic] = declared
         except BagError as error:
             self._skipped.add(topic)
