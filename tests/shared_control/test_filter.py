@@ -209,6 +209,16 @@ def test_configure_all_or_nothing():
         assert filter_.threshold == 2.0
 
 
+def test_the_dead_zone_changes_when_it_is_named_and_only_then():
+    filter_ = make("training", dead_zone=4.0)
+    filter_.configure(mode="assistance")
+    assert filter_.decide(X, np.array([-3.9])).reason == Reason.NULL_ACTION
+    filter_.configure(dead_zone=6.0)
+    assert filter_.decide(X, BAD).reason == Reason.NULL_ACTION
+    filter_.configure(dead_zone=1.0)
+    assert filter_.decide(X, BAD).verdict == Verdict.REPLACED
+
+
 def test_nothing_compiles_after_warm_up():
     from shared_control.controllers.ilqr_kernels import search
     from shared_control.dispatch import compiled
