@@ -62,6 +62,8 @@ class ClockGraph(LiveGraph):
 
 
 def _stepped(graph: ClockGraph, seconds: float) -> None:
+    # What has not found each other before a step back may not do so after it.
+    graph.wait(lambda: bool(graph.hand.decided), "no decision has come")
     graph.step(seconds)
     graph.ticks(200)
     expect_every_tick_once(graph)

@@ -117,6 +117,8 @@ def expect_every_tick_once(graph: LiveGraph) -> None:
     FaultError: it did not.
     """
     decided = graph.hand.decided
+    if not decided:
+        raise FaultError("no decision has come")
     ticks = range(min(decided), max(decided) + 1)
     if missing := [tick for tick in ticks if decided[tick] == 0]:
         raise FaultError(f"{len(missing)} ticks have no decision, the first is {missing[0]}")
