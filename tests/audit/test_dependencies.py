@@ -71,7 +71,10 @@ def test_everything_that_is_installed_is_required_by_something() -> None:
         explained.add(name)
         # Extras are taken as asked for: more is explained then, nothing is left out.
         waiting += [canonicalize_name(Requirement(text).name) for text in there[name].requires or ()]
-    unexplained = {name for name in there if name not in explained | _ITS_OWN and not name.startswith("ros-")}
+    # A sourced ROS installation has packages of its own beside this environment, which set-up has not installed.
+    ours = {name for name, found in there.items() if (ROOT / ".venv") in Path(str(found.locate_file(""))).parents}
+    assert "numba" in ours
+    unexplained = {name for name in ours if name not in explained | _ITS_OWN and not name.startswith("ros-")}
     assert not unexplained, f"nobody requires {sorted(unexplained)}"
 
 
