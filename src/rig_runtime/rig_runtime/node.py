@@ -6,18 +6,18 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from mig_interfaces.msg import NodeReport, TrialState
 from rig_runtime import topics
+from rig_runtime.diagnostics import Diagnostics
 from rig_runtime.faults import FaultLatch, in_words
 from rig_runtime.parameters import NodeParameters, refuse_unknown_types
 from rig_runtime.realtime import collect_garbage
@@ -31,6 +31,9 @@ _REPORT_PERIOD = 0.05
 
 #: Reports are repeated at this many periods, so that the pacemaker can tell a silent node from a finished one.
 _REPEAT_EVERY = 10
+
+#: Which of them: half way between two diagnostics, so that no tick meets both.
+_REPEAT_AT = 5
 
 #: [ns] A day, the longest trial.
 _LONGEST = 86_400 * NANOSECONDS
@@ -65,10 +68,10 @@ class RigNode(Node):
         self._subscriptions_of_loop: dict[str, Subscription[Any]] = {}
         self._on_stop: Callable[[], None] | None = None
         self._sample = 1
-        self._last_report: NodeReport | None = None
+        self._last_report: tuple[object, ...] = ()
         self._periods = 0
         self._report_publisher = self.create_publisher(NodeReport, topics.NODE_REPORT.name, topics.NODE_REPORT.qos)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+        self._diagnostics = Diagnostics(self)
         if follows_trial:
             self.create_subscription(TrialState, topics.TRIAL_STATE.name, self.follow_trial, topics.TRIAL_STATE.qos)
         self.create_timer(_REPORT_PERIOD, self._report_timer, clock=self.steady)
@@ -213,34 +216,26 @@ class RigNode(Node):
 
     def _report_timer(self) -> None:
         self._periods += 1
-        repeat = self._periods % _REPEAT_EVERY == 0
+        repeat = self._periods % _REPEAT_EVERY == _REPEAT_AT
         # Nothing changes while ticks flow, and counting takes time from them.
         if repeat or self.trial.phase == TrialState.PHASE_ARMING:
             self._report(force=repeat)
 
     def _report(self, force: bool = True) -> None:
         report = self.make_report()
-        if not force and self._last_report == report:
+        said = (report.armed_uid, report.ticks_done, report.error, report.publishes, report.subscribes)
+        said += (report.matched_subscriptions, report.matched_publishers)
+        if not force and self._last_report == said:
             return
-        self._last_report = self.make_report()
-        now = time.time_ns()
-        report.stamp.sec, report.stamp.nanosec = divmod(now, 1_000_000_000)
+        self._last_report = said
+        report.stamp.sec, report.stamp.nanosec = divmod(time.time_ns(), NANOSECONDS)
         self._report_publisher.publish(report)
 
     def publish_diagnostics(self) -> None:
         """Publish what :meth:`diagnose` says; a timer does it once a second."""
         level, message, values = self.diagnose()
         values = {**values, **self.stage.values(), "malformed messages": self.refused, "scheduling": self.scheduling}
-        status = DiagnosticStatus(
-            level=level,
-            name=self.get_fully_qualified_name(),
-            message=message,
-            hardware_id="rig",
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(array)
+        self._diagnostics.publish(self.get_clock().now().to_msg(), level, message, values)
 
 
 def _check_trial(trial: TrialState) -> None:
