@@ -223,8 +223,8 @@ class RigNode(Node):
 
     def _report(self, force: bool = True) -> None:
         report = self.make_report()
-        said = (report.armed_uid, report.ticks_done, report.error, report.publishes, report.subscribes)
-        said += (report.matched_subscriptions, report.matched_publishers)
+        endpoints = (report.publishes, report.matched_subscriptions, report.subscribes, report.matched_publishers)
+        said = (report.armed_uid, report.ticks_done, report.error, *endpoints)
         if not force and self._last_report == said:
             return
         self._last_report = said
