@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from live import STEADY, Live
 from native import program
 from rclpy.clock import Clock
 from rows import Row, alternate, percentile
+
+from rig_runtime.realtime import PRIORITY, Settings
+
+#: [s] Longer than any run of the suite.
+_LONGEST = 3600.0
 
 
 def timer(period: float, count: int) -> list[float]:
@@ -44,6 +51,25 @@ def nanosleep(wake: Path, period: float, count: int) -> list[float]:
     command = [str(wake), str(round(1e9 * period)), str(count)]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     return [1e-9 * int(line) for line in said.split()]
+
+
+@contextlib.contextmanager
+def nanosleep_beside(wake: Path, period: float) -> Iterator[list[float]]:
+    """The same for as long as the block takes; the list is full after it.
+
+    What the machine alone does to a loop is seen at the same moments thereby. Where a graph's nodes are scheduled in
+    real time the C loop comes before them: what holds it up is none of their work.
+    """
+    late: list[float] = []
+    command = [str(wake), str(round(1e9 * period)), str(round(_LONGEST / period))]
+    if Settings.from_environment().mode != "off":
+        command.append(str(PRIORITY + 1))
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield late
+        finally:
+            process.terminate()
+            late.extend(1e-9 * int(line) for line in process.communicate()[0].split())
 
 
 def rows(runs: int) -> list[Row]:

@@ -1,18 +1,33 @@
-/* How late a bare clock_nanosleep loop wakes: wake PERIOD_NS COUNT prints the lateness of each wake [ns]. */
+/* How late a bare clock_nanosleep loop wakes: wake PERIOD_NS COUNT [PRIORITY] prints the lateness of each wake [ns], of
+   COUNT or until SIGTERM; with SCHED_FIFO where a priority is given and permitted. */
 #define _POSIX_C_SOURCE 200112L
+#include <sched.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
+
+static volatile sig_atomic_t told_to_end;
+
+static void end(int number)
+{
+    (void)number;
+    told_to_end = 1;
+}
 
 int main(int argc, char **argv)
 {
     long long period = atoll(argv[1]), count = atoll(argv[2]), due, k;
     long long *late = malloc(count * sizeof *late);
     struct timespec t;
-    (void)argc;
+    if (argc > 3) {
+        struct sched_param fifo = {.sched_priority = atoi(argv[3])};
+        sched_setscheduler(0, SCHED_FIFO, &fifo);
+    }
+    signal(SIGTERM, end);
     clock_gettime(CLOCK_MONOTONIC, &t);
     due = t.tv_sec * 1000000000LL + t.tv_nsec;
-    for (k = 0; k < count; k++) {
+    for (k = 0; k < count && !told_to_end; k++) {
         due += period;
         t.tv_sec = due / 1000000000LL;
         t.tv_nsec = due % 1000000000LL;
@@ -20,6 +35,7 @@ int main(int argc, char **argv)
         clock_gettime(CLOCK_MONOTONIC, &t);
         late[k] = t.tv_sec * 1000000000LL + t.tv_nsec - due;
     }
+    count = k;
     for (k = 0; k < count; k++) printf("%lld\n", late[k]);
     return 0;
 }
