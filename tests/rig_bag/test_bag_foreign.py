@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+import re
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rig_bag import BagError, BagWriter, info, messages, read
 from rig_bag.cli import main
+from rig_bag.definitions import full_definition
 from rig_bag.export import export
 from rig_bag.player import Player
 from rig_bag.verify import verify
@@ -25,6 +27,7 @@ from rig_study.recorded import TrialError, load
 from rig_study.recorded_inputs import load_inputs
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
+TRIAL = "mig_interfaces/msg/TrialState"
 
 
 def _wrenches(store: Any, *numbered: bool) -> list[Any]:
@@ -200,6 +203,35 @@ def test_another_version_of_our_messages_is_read_as_it_was(old: Path) -> None:
     table = read(old)["/rig/task/state"]
     np.testing.assert_array_equal(table["angle"], 0.25 * np.arange(5))
     assert f"{STATE} was recorded with other fields" in verify(old).text()
+
+
+@pytest.mark.parametrize("lacks", [["surroundings"], ["surroundings", "attempt"]])
+def test_a_trial_of_an_older_definition_keeps_its_account(trial_bag: Callable[..., Path], lacks: list[str]) -> None:
+    bag = trial_bag(ticks=20, lacks={3})
+    text = full_definition(TRIAL)
+    for name in lacks:
+        text, removed = re.subn(rf"^\S+ {name}\b.*\n", "", text, flags=re.MULTILINE)
+        assert removed == 1
+    ours, older = get_typestore(Stores.EMPTY), get_typestore(Stores.EMPTY)
+    ours.register(get_types_from_msg(full_definition(TRIAL), TRIAL))
+    older.register(get_types_from_msg(text, TRIAL))
+    with BagWriter(bag.parent / "older") as writer:
+        for message in messages(bag):
+            of_trial = message.type == TRIAL
+            channel = writer.add_topic(message.topic, message.type, definition=text if of_trial else None)
+            data = message.data
+            if of_trial:
+                fields = vars(ours.deserialize_cdr(data, TRIAL))
+                values = {name: fields[name] for name, _ in older.fielddefs[TRIAL][1]}
+                data = bytes(older.serialize_cdr(older.types[TRIAL](**values), TRIAL))
+            writer.write(channel, data, message.log_time, message.publish_time)
+    old = verify(bag.parent / "older")
+    assert old.ticks["/rig/task/state"] == verify(bag).ticks["/rig/task/state"]
+    assert old.ticks["/rig/task/state"]["missing"] == 1
+    wrong = {check.name: check.problems for check in old.checks if check.problems}
+    assert set(wrong) == {"ticks", "definitions"}
+    assert wrong["definitions"] == [f"{TRIAL} was recorded with other fields than the installed definition has"]
+    assert read(bag.parent / "older")["/rig/trial/state"][-1].subject == "s07"
 
 
 def test_what_cannot_be_published_any_more_is_left_out(

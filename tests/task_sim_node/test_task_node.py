@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import platform
 from typing import Any
 
+import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
@@ -78,6 +80,10 @@ def test_a_lockstep_trial_has_every_tick_once(graph: Any) -> None:
     assert (trial.subject, trial.group, trial.set, trial.trial, trial.seed) == ("S1", "training", "2", 7, 9)
     assert trial.state_names[0] == "theta"
     assert len(trial.state_units) == len(trial.state_names) == 4
+    where = dict(pair.split("=", 1) for pair in trial.surroundings)
+    assert where["host"] == platform.node()
+    assert where["version numpy"] == np.__version__
+    assert where["scheduling"] == "other"
 
 
 def test_the_same_trial_again_is_the_same(single_graph: Any) -> None:

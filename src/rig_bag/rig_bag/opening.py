@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import itertools
 import os
-import platform
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import rclpy
-
 from rig_bag.errors import BagError
 from rig_bag.trial import Trial
 from rig_bag.writer import BagWriter
+from rig_runtime.surroundings import surroundings
 
-__all__ = ["open_bag", "place_of", "scheduling"]
-
-#: Those that decide what a trial computes, and what it is recorded with.
-_PACKAGES = ("shared_control", "rig_bag", "mig_interfaces", "numpy", "numba", "rclpy", "zstandard")
+__all__ = ["open_bag", "place_of"]
 
 #: [bytes] Of each word in a bag's name: with two of them a file's name stays within the 255 that systems take.
 _LONGEST = 80
@@ -32,7 +26,7 @@ def open_bag(path: str | os.PathLike[str], attachments: Iterable[str] = (), **op
     ------
     BagError: it cannot be made, or a file cannot be read; in that case the bag is closed, empty.
     """
-    writer = BagWriter(path, custom_data=_surroundings(), **options)
+    writer = BagWriter(path, custom_data=surroundings(), **options)
     for name in filter(None, attachments):
         file = Path(name)
         try:
@@ -63,31 +57,3 @@ def place_of(trial: Trial, folder: Path) -> Path:
 
 def _fit(word: str) -> str:
     return word.encode()[:_LONGEST].decode(errors="ignore")
-
-
-def _surroundings() -> dict[str, str]:
-    """What the recording was made with."""
-    return {
-        "host": platform.node(),
-        "machine": platform.machine(),
-        "system": f"{platform.system()} {platform.release()}",
-        "python": platform.python_version(),
-        "rmw": rclpy.get_rmw_implementation_identifier(),
-        "scheduling": scheduling(),
-    } | _versions()
-
-
-def scheduling() -> str:
-    """How this process is scheduled, at this moment."""
-    return {0: "other", 1: "fifo", 2: "round robin"}.get(os.sched_getscheduler(0), "unknown")
-
-
-def _versions() -> dict[str, str]:
-    found = {}
-    for name in _PACKAGES:
-        try:
-            found[f"version {name}"] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            # Built by colcon, or a wheel of another name.
-            continue
-    return found

@@ -26,7 +26,7 @@ from mig_interfaces.msg import NodeReport, RecorderState, TrialState
 from rig_bag import definitions
 from rig_bag.configuration import QUEUE_DEPTH, RecorderConfig
 from rig_bag.errors import BagError
-from rig_bag.opening import open_bag, place_of, scheduling
+from rig_bag.opening import open_bag, place_of
 from rig_bag.qos import Qos, load_overrides
 from rig_bag.recording import Recording, Stream, Trial
 from rig_bag.selection import Selection
@@ -34,6 +34,7 @@ from rig_bag.watch import PublisherWatch, SteadyWallClock
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
+from rig_runtime.surroundings import scheduling
 from rig_runtime.wire import decode
 from shared_control.parameters import ParameterError
 from shared_control.scenario import LoopConfig

@@ -17,6 +17,7 @@ from rig_runtime.claim import Claim, ClaimError
 from rig_runtime.node import RigNode
 from rig_runtime.pacing import Advance, Pacemaker
 from rig_runtime.stages import delay_of
+from rig_runtime.surroundings import surroundings
 from rig_runtime.ticks import LOCKSTEP_EPOCH, NANOSECONDS, TickClock, from_stamp, to_nanoseconds, to_stamp
 from rig_runtime.wire import WireMessage
 from shared_control.loop import Motion, make_plant
@@ -198,6 +199,7 @@ class TaskSimNode(RigNode):
     def _publish_trial(self, phase: int, message: str) -> None:
         trial = self.trial
         trial.phase, trial.message = phase, message
+        trial.surroundings = [f"{key}={value}" for key, value in surroundings().items()]
         if self.clock is not None and phase > TrialState.PHASE_ARMING:
             trial.header.stamp = to_stamp(self.clock.stamp(max(self.ticks_done - 1, 0)))
         else:
