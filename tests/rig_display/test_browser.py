@@ -163,6 +163,33 @@ def test_a_drag_arrives_as_the_right_force(screen: Screen) -> None:
     assert spread.p50 > 0.0
 
 
+#: What a hand says of itself, with a link of ours: after a message of its own pace, and after two events at once.
+HURRY = """async () => {
+  const { Hand } = await import("/static/hand.js");
+  const said = [];
+  const hand = new Hand({ say: (_, force) => said.push(force) }, document.createElement("div"), null, () => null);
+  Object.assign(hand, { task: { limits: [40, 0, 0] }, driving: true, here: true });
+  hand.send();
+  const event = performance.now();
+  hand.note({ timeStamp: event });
+  const atOnce = said.map(({ age }) => age !== null);
+  hand.note({ timeStamp: event + 1e-3 });
+  hand.note({ timeStamp: event + 2e-3 });
+  const held = said.length;
+  while (!said.slice(held).some(({ age }) => age !== null)) await new Promise((done) => setTimeout(done, 1));
+  const { t, age } = said.slice(held).find(({ age }) => age !== null);
+  return { atOnce, held, oldest: t - age - event };
+}"""
+
+
+def test_an_event_waits_for_no_other_message(screen: Screen) -> None:
+    found = screen.driver.evaluate(HURRY)
+    assert found["atOnce"] == [False, True]
+    # A second one so soon after the first goes out a little later, and counts from the oldest that it holds.
+    assert found["held"] == 2
+    assert found["oldest"] == pytest.approx(1e-3, abs=5e-4)
+
+
 def test_keys_and_a_gamepad_push_too(screen: Screen) -> None:
     screen.go()
     page = screen.driver

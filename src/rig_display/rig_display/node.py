@@ -90,6 +90,7 @@ class DisplayNode(RigNode):
 
     def arm(self, trial: TrialState) -> None:
         self.latency.clear()
+        self.seat.arrival.clear()
         self._zeroed_ticks = 0
 
     def follow_trial(self, trial: TrialState) -> None:
@@ -107,7 +108,7 @@ class DisplayNode(RigNode):
         return report
 
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
-        seat, hand, pointer = self.seat, self.hand, self.latency.spread()
+        seat, hand, pointer, arrival = self.seat, self.hand, self.latency.spread(), self.seat.arrival.spread()
         driver = seat.driver
         values: dict[str, object] = {
             "ticks": self.ticks_done,
@@ -116,6 +117,8 @@ class DisplayNode(RigNode):
             "pages": len(seat.clients),
             "messages refused": seat.refused,
             "forces clipped": hand.clipped,
+            "pointer to display p50 [ms]": round(arrival.p50, 3),
+            "pointer to display p99 [ms]": round(arrival.p99, 3),
             "pointer to wrench p50 [ms]": round(pointer.p50, 3),
             "pointer to wrench p99 [ms]": round(pointer.p99, 3),
             "pointer to wrench largest [ms]": round(pointer.largest, 3),

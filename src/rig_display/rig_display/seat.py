@@ -65,6 +65,8 @@ class Seat:
         self.clients: list[Client] = []
         self.driver: Client | None = None
         self.feedback = config.feedback
+        #: From pointer event to here; what is left to the wrench is the wait for a tick.
+        self.arrival = Window()
         self.refused = 0
         self.on_change: Callable[[], None] = lambda: None
         self._last_refusal = ""
@@ -139,6 +141,8 @@ class Seat:
             return
         age = message["age"]
         event = None if age is None else client.clock.sent(now, queueing) - round(age * _MILLISECOND)
+        if event is not None:
+            self.arrival.add((now - event) / _MILLISECOND)
         self._hand.put((message["x"], message["y"], message["z"]), now, event)
 
     def _take_idle(self, client: Client, message: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -50,6 +51,8 @@ class PageServer:
         self._seat = seat
         self._files = {path.name: path for path in _PAGE.iterdir() if path.suffix in _TYPES}
         self._loop = asyncio.new_event_loop()
+        # The thread is started while the node's own has given up what it holds here; hands come in by it.
+        self._scheduling = os.sched_getscheduler(0), os.sched_getparam(0)
         self._thread = threading.Thread(target=self._run, name="pages", daemon=True)
         self._started: threading.Event = threading.Event()
         self._error: OSError | None = None
@@ -95,6 +98,7 @@ class PageServer:
     # -- life ----------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        os.sched_setscheduler(0, *self._scheduling)
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._serve())

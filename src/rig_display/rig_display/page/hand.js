@@ -1,7 +1,7 @@
 // The hand: pointer, touch, keyboard and gamepad as one force [N], sampled with the time of its newest event.
 
 const PERIOD = 8; // ms between two messages: 125 a second, whatever the screen does
-const LEAST_GAP = 3; // ms between two messages of a fast mouse
+const LEAST_GAP = 3; // ms between two messages that events of a fast mouse cause
 const REACH = 0.24; // of the smaller side: how far a drag goes to the limit
 const DEAD = 0.08; // of a gamepad's stick
 const KEYS = {
@@ -19,8 +19,10 @@ export class Hand {
     this.here = !document.hidden && document.hasFocus();
     this.pressed = null; // { id, from, to } on the element
     this.keys = new Set();
-    this.event = null; // ms, the newest event that has not been sent
+    this.event = null; // ms, the oldest event that has not been sent
     this.sent = 0;
+    this.told = 0; // ms, when an event last caused a message
+    this.later = null; // the timer of an event that waits for the least gap
     this.force = [0, 0, 0];
     element.addEventListener("pointerdown", (event) => this.press(event));
     // The raw events are not held back to the next frame.
@@ -91,10 +93,19 @@ export class Hand {
     if (!event.repeat) this.note(event);
   }
 
-  // Something happened: it goes out now, unless a message went out just before.
+  // Something happened: it goes out now, or as soon as the least gap to the event before is over.
   note(event) {
-    this.event = event.timeStamp;
-    if (performance.now() - this.sent >= LEAST_GAP) this.send();
+    this.event ??= event.timeStamp;
+    if (this.later !== null) return;
+    const wait = this.told + LEAST_GAP - performance.now();
+    if (wait > 0) this.later = setTimeout(() => this.tell(), wait);
+    else this.tell();
+  }
+
+  tell() {
+    this.later = null;
+    this.told = performance.now();
+    this.send();
   }
 
   beat() {
@@ -144,10 +155,10 @@ export class Hand {
     const now = performance.now();
     this.force = this.here ? this.sample() : [0, 0, 0];
     this.sent = now;
-    if (!this.driving || !this.here) return;
-    const [x, y, z] = this.force;
     const age = this.event === null ? null : Math.min(Math.max(now - this.event, 0), 60000);
     this.event = null;
+    if (!this.driving || !this.here) return;
+    const [x, y, z] = this.force;
     this.link.say("force", { x, y, z, t: now, age });
   }
 
