@@ -8,10 +8,12 @@ Source: OMG CORBA 3.4, part 2, 9.3; checked against rclpy and two independent re
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any, Literal
 
@@ -37,6 +39,9 @@ _PRIMITIVES = {
     "float32": "f4",
     "float64": "f8",
 }
+#: The same in the letters of :mod:`struct`, to read one number.
+_LETTERS = dict(zip(["?", "u1", "i1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"], "?BbhHiIqQfd", strict=True))
+_SINGLE = {(order, kind): struct.Struct(order + _LETTERS[code]) for order in "<>" for kind, code in _PRIMITIVES.items()}
 #: Messages of equal components that become one axis of an array, in this order.
 _AXES = {
     "geometry_msgs/Vector3": ("x", "y", "z"),
@@ -106,7 +111,19 @@ class Schema:
         Quaternion are one column with the last axis x, y, z (, w); other nested messages give dotted columns; an array
         or a sequence of numbers that has the same length in every message is a column with that as last axis.
         """
-        sample = data[0] if data else b"\x00\x01\x00\x00" + bytes(4096)
+        sizes = {len(item) for item in data}
+        if len(sizes) > 1:
+            return None
+        return self.table(np.frombuffer(b"".join(data), np.uint8).reshape(len(data), *sizes or [0]))
+
+    def table(self, rows: npt.NDArray[np.uint8], **leading: npt.NDArray[np.int64]) -> npt.NDArray[Any] | None:
+        """As :meth:`array`, of serialised messages of one length, shape (messages, bytes), behind ``leading`` columns.
+
+        Raises
+        ------
+        BagError: the bytes do not fit the definition.
+        """
+        sample = rows[0].tobytes() if len(rows) else b"\x00\x01\x00\x00" + bytes(4096)
         walker = _Walker(self.types, sample)
         columns: list[_Column] = []
         try:
@@ -115,39 +132,18 @@ class Schema:
             return None
         except (struct.error, ValueError, IndexError, UnicodeDecodeError) as error:
             raise BagError(f"a {self.name} does not fit its definition: {error}") from error
-        dtype = np.dtype([(column.name, column.result, column.shape) for column in columns])
-        stored = [column for column in columns if column.kind != "text" or column.stored != "S0"]
-        if not data:
-            return np.empty(0, dtype)
-        if any(len(item) != len(sample) for item in data):
-            return None
-        raw = np.frombuffer(b"".join(data), np.uint8).reshape(len(data), len(sample))
-        fixed = [*range(4)]
-        for offset in walker.lengths:
-            fixed.extend(range(offset, offset + 4))
-        if (raw[:, fixed] != raw[0, fixed]).any():
-            return None
-        view = np.ndarray(
-            (len(data),),
-            np.dtype(
-                {
-                    "names": [column.name for column in stored],
-                    "formats": [(column.stored, column.shape) for column in stored],
-                    "offsets": [column.offset for column in stored],
-                    "itemsize": len(sample),
-                }
-            ),
-            raw,
-        )
+        before: list[tuple[Any, ...]] = [(name, np.int64) for name in leading]
         # Zero, and not empty: an empty text has no bytes in the view.
-        result = np.zeros(len(data), dtype)
-        for column in stored:
-            values = view[column.name]
-            if column.kind == "time":
-                values = values["s"].astype(np.int64) * _SECOND + values["n"]
-            elif column.kind == "text":
-                values = np.char.decode(values, "utf-8")
-            result[column.name] = values
+        result = np.zeros(len(rows), np.dtype(before + [(each.name, each.result, each.shape) for each in columns]))
+        if not len(rows):
+            return result
+        for at in (0, *walker.lengths):
+            same = np.ndarray(len(rows), np.uint32, rows, at, rows.strides[:1])
+            if (same != same[0]).any():
+                return None
+        for name, values in leading.items():
+            result[name] = values
+        _fill(result, rows, columns)
         return result
 
 
@@ -159,6 +155,46 @@ class _Column:
     result: Any
     shape: tuple[int, ...] = ()
     kind: str = ""
+
+
+def _fill(result: npt.NDArray[Any], rows: npt.NDArray[np.uint8], columns: Sequence[_Column]) -> None:
+    """Bring the stored columns into those of the result."""
+    assert result.dtype.fields is not None
+    begin = end = target = 0
+
+    def copy() -> None:
+        """Numbers that lie side by side here and there go together."""
+        if end > begin:
+            kind, count = f"V{end - begin}", len(rows)
+            stored = np.ndarray(count, kind, rows, begin, rows.strides[:1])
+            np.ndarray(count, kind, result, target, result.strides)[...] = stored  # type: ignore[call-overload]
+
+    for column in columns:
+        place = result.dtype.fields[column.name][1]
+        if column.kind == "" and column.stored == column.result:
+            size = column.result.itemsize * math.prod(column.shape)
+            if column.offset != end or place - target != column.offset - begin:
+                copy()
+                begin, target = column.offset, place
+            end = column.offset + size
+            continue
+        if column.stored == "S0":
+            continue
+        values = np.ndarray((len(rows), *column.shape), column.stored, rows, column.offset, _strides(rows, column))
+        if column.kind == "time":
+            result[column.name] = values["s"].astype(np.int64) * _SECOND + values["n"]
+        elif column.kind == "text":
+            # Nearly always the same everywhere, such as a frame: then one is decoded.
+            same = (values == values[0]).all()
+            result[column.name] = np.char.decode(values[:1] if same else values, "utf-8")
+        else:
+            result[column.name] = values
+    copy()
+
+
+def _strides(rows: npt.NDArray[np.uint8], column: _Column) -> tuple[int, ...]:
+    """Of the stored column: a message each, and then its numbers one after the other."""
+    return (*rows.strides[:1], *(np.dtype(column.stored).itemsize for _ in column.shape))
 
 
 class _Walker:
@@ -219,9 +255,10 @@ class _Walker:
         return [self._single(field.type) for _ in range(count)]
 
     def _single(self, kind: str) -> Any:
-        if kind in _PRIMITIVES:
-            start, dtype = self._numbers(_PRIMITIVES[kind], 1)
-            return np.frombuffer(self._data, dtype, 1, start)[0].item()
+        number = _SINGLE.get((self._order, kind))
+        if number is not None:
+            self._align(number.size)
+            return number.unpack_from(self._data, self._skip(number.size))[0]
         if kind == "string":
             start, size = self._text()
             return self._data[start : start + size].decode("utf-8")
@@ -259,6 +296,7 @@ class _Walker:
                 self.layout(field.type, "" if field.type == "std_msgs/Header" else f"{path}.", columns)
 
 
+@lru_cache(maxsize=1024)
 def parse(name: str, text: str) -> Schema:
     """Parse the definition that a bag carries under encoding ``ros2msg``; ``name`` as ``package/msg/Name``.
 

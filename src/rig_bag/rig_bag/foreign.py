@@ -1,6 +1,6 @@
 """Bags that are no plain MCAP: ROS 1, sqlite3, and compressed by rosbag2, read through `rosbags`.
 
-What it reads takes the form of :class:`rig_bag.mcap_scan.Contents`, messages as CDR and definitions as text, so that
+What it reads takes the form of :class:`rig_bag.contents.Contents`, messages as CDR and definitions as text, so that
 all that is done with a bag can be done with these; only a check from the bytes and a repair cannot.
 """
 
@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from rig_bag import definitions
+from rig_bag.contents import Contents, Messages
 from rig_bag.errors import BagError
-from rig_bag.mcap_scan import Contents, Messages
 from rig_bag.metadata import EMPTY_START, BagMetadata, FileEntry, TopicEntry
 
 __all__ = ["contents_of", "is_ros1", "metadata_of_ros1"]
@@ -82,10 +82,8 @@ def contents_of(path: Path) -> Contents:
             result.channels[len(channels) + 1] = channels.setdefault((connection.topic, kind), channel)
         for connection, time, raw in reader.messages():
             channel = channels[connection.topic, connection.msgtype]
-            channel.log_times.append(time)
-            channel.publish_times.append(time)
-            channel.data.append(bytes(store.ros1_to_cdr(raw, connection.msgtype) if ros1 else raw))
-            channel.order.append(result.count)
+            data = bytes(store.ros1_to_cdr(raw, connection.msgtype) if ros1 else raw)
+            channel.append(time, time, result.count, data)
             result.count += 1
         return result
 

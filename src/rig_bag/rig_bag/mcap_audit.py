@@ -11,6 +11,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
+from rig_bag.contents import Contents
 from rig_bag.errors import BagError
 from rig_bag.mcap_records import (
     ATTACHMENT,
@@ -34,7 +35,7 @@ from rig_bag.mcap_records import (
     frames,
     parse_chunk,
 )
-from rig_bag.mcap_scan import Contents, scan_bytes
+from rig_bag.mcap_scan import scan_bytes
 
 __all__ = ["Audit", "audit"]
 
@@ -255,5 +256,5 @@ def _count(contents: Contents, found: _Section) -> tuple[Any, ...]:
         len(found.channels),
         *(len(found.attachments), len(found.metadata), len(found.chunks)),
         *(min(times, default=0), max(times, default=0)),
-        {identifier: len(channel.data) for identifier, channel in contents.channels.items() if channel.data},
+        {identifier: len(channel) for identifier, channel in contents.channels.items() if len(channel)},
     )

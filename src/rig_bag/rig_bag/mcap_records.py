@@ -7,6 +7,7 @@ raised as one of :data:`DAMAGE`. Source: the MCAP specification, version 0.
 from __future__ import annotations
 
 import struct
+import threading
 import zlib
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -37,6 +38,7 @@ MESSAGE_FIXED = 22
 _CHUNK_LIMIT = 1 << 30
 
 _frame = struct.Struct("<BQ").unpack_from
+_of_thread = threading.local()
 
 
 class Cursor:
@@ -109,7 +111,7 @@ class Chunk(NamedTuple):
             # The frame says its size too: a damaged one must not make us ask for that much memory.
             if zstandard.frame_content_size(self.packed) not in (-1, self.size):
                 raise ValueError(f"the chunk at byte {offset} does not have the size that it claims")
-            records = zstandard.ZstdDecompressor().decompress(self.packed, max_output_size=max(self.size, 1))
+            records = _decompressor().decompress(self.packed, max_output_size=max(self.size, 1))
         elif self.compression == "lz4":
             records = _unpack_lz4(self.packed)
         elif self.compression == "":
@@ -121,6 +123,13 @@ class Chunk(NamedTuple):
         if len(records) != self.size or (self.crc and zlib.crc32(records) != self.crc):
             raise ValueError(f"the chunk at byte {offset} does not match its checksum")
         return records
+
+
+def _decompressor() -> zstandard.ZstdDecompressor:
+    """One for each thread: made for each chunk, it would cost as much as unpacking it."""
+    if not hasattr(_of_thread, "decompressor"):
+        _of_thread.decompressor = zstandard.ZstdDecompressor()
+    return _of_thread.decompressor  # type: ignore[no-any-return]
 
 
 def parse_chunk(content: bytes, *, whole: bool = True) -> Chunk:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import zstandard
 
+from rig_bag.contents import Contents
 from rig_bag.mcap_records import (
     CHANNEL,
     CHUNK,
@@ -29,7 +30,7 @@ from rig_bag.mcap_records import (
     frames,
     parse_chunk,
 )
-from rig_bag.mcap_scan import Contents, check_begin, take
+from rig_bag.mcap_scan import check_begin, take
 
 __all__ = ["Loss", "Salvage", "salvage"]
 
@@ -104,10 +105,7 @@ def salvage(data: bytes, name: str) -> Salvage:
             if channel is None or channel.schema not in contents.schemas:
                 result.orphans += 1
                 continue
-            channel.log_times.append(log_time)
-            channel.publish_times.append(publish_time)
-            channel.order.append(contents.count)
-            channel.data.append(run.records[start + MESSAGE_FIXED : end])
+            channel.append(log_time, publish_time, contents.count, run.records[start + MESSAGE_FIXED : end])
             contents.count += 1
             result.unchecked += not run.checked
     return result

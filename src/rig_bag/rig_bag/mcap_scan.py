@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass, field
 from pathlib import Path
 
+from rig_bag.contents import Contents, Messages
 from rig_bag.errors import BagError
+from rig_bag.mcap_framing import frame
 from rig_bag.mcap_records import (
     ATTACHMENT,
     CHANNEL,
@@ -23,6 +24,7 @@ from rig_bag.mcap_records import (
     MAGIC,
     MESSAGE,
     MESSAGE_FIXED,
+    MESSAGE_INDEX,
     METADATA,
     SCHEMA,
     Cursor,
@@ -30,42 +32,11 @@ from rig_bag.mcap_records import (
     parse_chunk,
 )
 
-__all__ = ["Contents", "Messages", "check_begin", "read_file", "scan", "scan_bytes", "take"]
+__all__ = ["check_begin", "read_file", "scan", "scan_bytes", "take"]
 
 _frame = struct.Struct("<BQ").unpack_from
 _message = struct.Struct("<BQHIQQ").unpack_from
 _MESSAGE_HEAD = FRAME_SIZE + MESSAGE_FIXED
-
-
-@dataclass
-class Messages:
-    """The messages of one channel, in the order of the file."""
-
-    topic: str
-    schema: int
-    encoding: str
-    metadata: dict[str, str]
-    log_times: list[int] = field(default_factory=list)
-    publish_times: list[int] = field(default_factory=list)
-    data: list[bytes] = field(default_factory=list)
-    #: how many messages stand before each in the file, of all channels
-    order: list[int] = field(default_factory=list)
-
-
-@dataclass
-class Contents:
-    """What a file holds."""
-
-    profile: str = ""
-    #: messages in all
-    count: int = 0
-    library: str = ""
-    #: identifier -> (name, encoding, data)
-    schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
-    channels: dict[int, Messages] = field(default_factory=dict)
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    #: (name, media type, data)
-    attachments: list[tuple[str, str, bytes]] = field(default_factory=list)
 
 
 def scan(path: Path) -> Contents:
@@ -98,13 +69,26 @@ def scan_bytes(data: bytes, name: str) -> Contents:
     check_begin(data, name)
     contents = Contents()
     try:
-        for opcode, offset, start, end in _data_section(data):
+        section = _data_section(data)
+        chunks = [parse_chunk(data[a:b]).unpack(offset) for opcode, offset, a, b in section if opcode == CHUNK]
+        framing = frame(data, section, chunks)
+        number = 0
+        for opcode, offset, start, end in section:
             if opcode == CHUNK:
-                _take_chunk(parse_chunk(data[start:end]).unpack(offset), contents)
+                if framing is None:
+                    _take_chunk(chunks[number], contents)
+                else:
+                    for kind, content in framing.others[number]:
+                        take(kind, content, contents, offset)
+                number += 1
             elif opcode == MESSAGE:
                 _take_chunk(data[offset:end], contents)
-            else:
+            elif opcode != MESSAGE_INDEX:
                 take(opcode, data[start:end], contents, offset)
+        if framing is not None:
+            contents.count = framing.count
+            for identifier, places in framing.places.items():
+                contents.channels[identifier].adopt(places)
         if not data.endswith(MAGIC):
             raise ValueError("its last bytes are missing")
     except DAMAGE as error:
@@ -128,14 +112,14 @@ def check_begin(data: bytes, name: str) -> None:
 def _data_section(data: bytes) -> list[tuple[int, int, int, int]]:
     """The frames up to the end of the data, whose checksum comes first: nothing of what it covers is then in doubt."""
     found = []
-    for frame in frames(data, len(MAGIC)):
-        opcode, offset, start, end = frame
+    for record in frames(data, len(MAGIC)):
+        opcode, offset, start, end = record
         if opcode == DATA_END:
             crc = int.from_bytes(data[start:end], "little") if end - start == 4 else -1
             if crc and zlib.crc32(memoryview(data)[:offset]) != crc:
                 raise ValueError("its data does not match its checksum")
             return found
-        found.append(frame)
+        found.append(record)
     raise ValueError("its end is missing: the recorder did not close it")
 
 
@@ -148,12 +132,9 @@ def _take_chunk(records: bytes, contents: Contents) -> None:
             end = position + FRAME_SIZE + length
             if end > size or length < MESSAGE_FIXED:
                 raise ValueError("a message is longer than its chunk")
-            channel = channels[identifier]
-            channel.log_times.append(log_time)
-            channel.publish_times.append(publish_time)
-            channel.order.append(contents.count)
+            data = records[position + _MESSAGE_HEAD : end]
+            channels[identifier].append(log_time, publish_time, contents.count, data)
             contents.count += 1
-            channel.data.append(records[position + _MESSAGE_HEAD : end])
         else:
             opcode, length = _frame(records, position)
             end = position + FRAME_SIZE + length

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from rig_bag import cdr, foreign
+from rig_bag.contents import Contents, Messages
 from rig_bag.errors import BagError
-from rig_bag.mcap_scan import Contents, scan
+from rig_bag.mcap_scan import scan
 from rig_bag.metadata import BagMetadata
 
 __all__ = ["Bag", "Message", "info", "messages", "ordered", "read"]
@@ -125,9 +127,7 @@ def read(bag: str | os.PathLike[str], topics: Sequence[str] | None = None) -> di
             topic = found.setdefault(channel.topic, _Topic(schema, channel.encoding))
             if (topic.schema, topic.encoding) != (schema, channel.encoding):
                 raise BagError(f"the files of {bag} do not agree on the type of {channel.topic}")
-            topic.log_times += channel.log_times
-            topic.publish_times += channel.publish_times
-            topic.data += channel.data
+            topic.parts.append(channel)
     missing = [topic for topic in topics or () if topic not in found]
     if missing:
         raise BagError(f"{bag} has no topic {', '.join(missing)}; it has {', '.join(found) or 'none'}")
@@ -140,32 +140,34 @@ class _Topic:
 
     schema: tuple[str, str, bytes]
     encoding: str
-    log_times: list[int] = field(default_factory=list)
-    publish_times: list[int] = field(default_factory=list)
-    data: list[bytes] = field(default_factory=list)
+    parts: list[Messages] = field(default_factory=list)
 
     def values(self, topic: str) -> Any:
         name, encoding, text = self.schema
         if encoding != "ros2msg" or self.encoding != "cdr":
             raise BagError(f"{topic} is stored as {encoding}/{self.encoding}; only ros2msg/cdr is read here")
         schema = cdr.parse(name, text.decode("utf-8"))
-        array = schema.array(self.data)
-        if array is None:
-            rows = []
-            for log_time, publish_time, data in zip(self.log_times, self.publish_times, self.data, strict=True):
+        table = self._table(schema, topic)
+        if table is not None:
+            return table
+        rows = []
+        for part in self.parts:
+            for log_time, publish_time, data in zip(part.log_times, part.publish_times, part.data, strict=True):
                 message = schema.decode(data)
                 message.log_time, message.publish_time = log_time, publish_time
                 rows.append(message)
-            return rows
-        dtype = np.dtype([("log_time", np.int64), ("publish_time", np.int64), *_items(array.dtype)])
-        table = np.empty(len(array), dtype)
-        table["log_time"], table["publish_time"] = self.log_times, self.publish_times
-        for column in array.dtype.names or ():
-            table[column] = array[column]
-        return table
+        return rows
 
-
-def _items(dtype: np.dtype[Any]) -> list[tuple[str, Any]]:
-    assert dtype.names is not None
-    assert dtype.fields is not None
-    return [(name, dtype.fields[name][0]) for name in dtype.names]
+    def _table(self, schema: cdr.Schema, topic: str) -> npt.NDArray[Any] | None:
+        """All messages as one array; None if they have no common layout."""
+        filled = [part for part in self.parts if len(part)] or self.parts[:1]
+        found = [part.rows() for part in filled]
+        rows = [part for part in found if part is not None]
+        if len(rows) < len(found) or len({part.shape[1] for part in rows}) > 1:
+            return None
+        try:
+            times = [part.times() for part in filled]
+        except ValueError as error:
+            raise BagError(f"{topic}: {error}") from error
+        log_time, publish_time = (np.concatenate(each) for each in zip(*times, strict=True))
+        return schema.table(np.concatenate(rows), log_time=log_time, publish_time=publish_time)

@@ -12,11 +12,12 @@ from typing import Any
 
 import yaml
 
+from rig_bag.contents import Contents, Messages
 from rig_bag.errors import BagError
 from rig_bag.mcap_audit import audit
 from rig_bag.mcap_file import Channel
 from rig_bag.mcap_salvage import Loss, Salvage, salvage
-from rig_bag.mcap_scan import Contents, Messages, read_file
+from rig_bag.mcap_scan import read_file
 from rig_bag.metadata import BagMetadata
 from rig_bag.qos import parse_profiles
 from rig_bag.ticks import account_of, groups_of
@@ -148,7 +149,7 @@ def _is_valid(raw: Sequence[bytes], metadata: BagMetadata) -> bool:
         if found.contents is None or found.index or found.summary:
             return False
         for channel in found.contents.channels.values():
-            counts[channel.topic] = counts.get(channel.topic, 0) + len(channel.data)
+            counts[channel.topic] = counts.get(channel.topic, 0) + len(channel)
     return counts == {entry.name: entry.count for entry in metadata.topics}
 
 
@@ -207,7 +208,7 @@ def _copy(contents: Contents, writer: BagWriter, counts: dict[str, int]) -> None
         if channel.schema not in contents.schemas:
             continue
         target = _declare(contents, channel, writer)
-        counts[channel.topic] = counts.get(channel.topic, 0) + len(channel.data)
+        counts[channel.topic] = counts.get(channel.topic, 0) + len(channel)
         sources += [
             (order, log_time, publish_time, target, data)
             for order, log_time, publish_time, data in zip(

@@ -8,8 +8,8 @@ from typing import Any
 
 from rig_bag import cdr
 from rig_bag.account import Account
+from rig_bag.contents import Contents, Messages
 from rig_bag.errors import BagError
-from rig_bag.mcap_scan import Contents, Messages
 from rig_bag.trial import TRIAL_TYPE, Trial
 
 __all__ = ["account_of", "groups_of", "recorded_counts", "schema_of", "stamps"]

@@ -13,9 +13,10 @@ import yaml
 
 from rig_bag import definitions
 from rig_bag.account import Account
+from rig_bag.contents import Contents, Messages
 from rig_bag.errors import BagError
 from rig_bag.mcap_audit import Audit, audit
-from rig_bag.mcap_scan import Contents, Messages, read_file
+from rig_bag.mcap_scan import read_file
 from rig_bag.metadata import EMPTY_START, BagMetadata
 from rig_bag.ticks import account_of, groups_of, recorded_counts, schema_of, stamps
 
@@ -121,7 +122,7 @@ def verify(bag: str | os.PathLike[str]) -> Verification:
     closed.problems += [f"{name} is there, and metadata.yaml does not name it" for name in there if name not in names]
     counts: dict[str, int] = {}
     for channel in _channels(contents):
-        counts[channel.topic] = counts.get(channel.topic, 0) + len(channel.data)
+        counts[channel.topic] = counts.get(channel.topic, 0) + len(channel)
     readable = len(contents) == len(names)
     if metadata is not None and readable:
         closed.problems += _against_metadata(metadata, contents, counts)
