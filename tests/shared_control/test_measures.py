@@ -21,7 +21,7 @@ def trajectory(*pieces):
 
 def test_hanging():
     measures = cart_pendulum(trajectory((3001, math.pi, 0.0)), DT)
-    assert measures == (False, 30.0, 0.0, pytest.approx(1.0), 0.0, 0.0, 0.0)
+    assert measures == (False, 30.0, 0.0, pytest.approx(1.0), 0.0, 0.0, 0.0, False)
 
 
 def test_the_papers_example():
@@ -34,6 +34,11 @@ def test_the_papers_example():
     other = cart_pendulum(states, DT, success_time="dwell", balance="in_region")
     assert other.time_to_success == pytest.approx(10.3)
     assert other.balance_time == pytest.approx(21.7)
+
+
+def test_upright_at_the_end_is_of_the_last_node_and_knows_no_speed():
+    assert cart_pendulum(trajectory((100, 3.0, 0.0), (1, 2.0 * math.pi - 0.39, 9.0)), DT).upright_at_end
+    assert not cart_pendulum(trajectory((300, 0.0, 0.0), (1, 0.41, 0.0)), DT).upright_at_end
 
 
 def test_a_stay_must_last_two_seconds():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
+
+from rig_runtime.children import end_with_parent
 
 #: [s] How long the graph may take to end before it is killed.
 _PATIENCE = 10.0
@@ -86,15 +87,11 @@ class GraphProcess:
         return "\n".join(f"    {line}" for line in lines[-count:])
 
 
-_libc = ctypes.CDLL(None)
-_PR_SET_PDEATHSIG = 1
-
-
 def _end_with_parent() -> None:
     """In the child, before it becomes the graph: have it interrupted if the parent dies without a word."""
     # A shell that starts us in the background has us ignore interrupts, which the graph would inherit for good.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+    end_with_parent(signal.SIGINT)
 
 
 def _session_of(pid: int) -> int:

@@ -8,11 +8,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from rig_bag import BagError
 from rig_study import study_statistics, tables
+from rig_study.commands import carry_out
 from rig_study.declared import StudyError
-from rig_study.recorded import TrialError
-from rig_study.statistics import StatisticsError
 
 __all__ = ["analyze", "main"]
 
@@ -36,14 +34,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Returns 0; 1 if no trial could be used; 2 for bad input."""
     options = parser().parse_args(argv)
-    try:
-        return analyze(options.inputs, options.out, tuple(options.sets) if options.sets else None)
-    except (StudyError, StatisticsError, BagError, TrialError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"error: {options.out}: {error.strerror or error}", file=sys.stderr)
-        return 2
+    return carry_out(lambda: analyze(options.inputs, options.out, tuple(options.sets) if options.sets else None))
 
 
 def analyze(inputs: Sequence[Path], out: Path, sets: tuple[str, str] | None = None) -> int:
@@ -51,17 +42,25 @@ def analyze(inputs: Sequence[Path], out: Path, sets: tuple[str, str] | None = No
 
     Raises
     ------
-    StudyError: as :func:`rig_study.tables.read`. StatisticsError: fewer than two sets. OSError: ``out`` cannot be
-        written.
+    StudyError: as :func:`rig_study.tables.read`, or ``out`` cannot be written. StatisticsError: fewer than two sets.
     """
-    from rig_study.study_report import write
-
     gathered = tables.read(inputs)
     for name, why in gathered.left_out:
         print(f"left out: {name}: {why}", file=sys.stderr)
     if gathered.trials.empty:
         print(f"error: none of {len(gathered.left_out)} trials could be used", file=sys.stderr)
         return 1
+    try:
+        page = _write(gathered, out, sets)
+    except OSError as error:
+        raise StudyError(f"{out}: {error.strerror or error}") from None
+    print(f"{len(gathered.trials)} trials, {len(gathered.left_out)} left out: {page}")
+    return 0
+
+
+def _write(gathered: tables.Gathered, out: Path, sets: tuple[str, str] | None) -> Path:
+    from rig_study.study_report import write
+
     out.mkdir(parents=True, exist_ok=True)
     trials = gathered.trials
     trials.to_parquet(out / "trials.parquet", index=False)
@@ -71,6 +70,4 @@ def analyze(inputs: Sequence[Path], out: Path, sets: tuple[str, str] | None = No
         found["study"] = study_statistics.compute(trials, sets or study_statistics.outer_sets(trials))
     text = json.dumps(study_statistics.finite(found), indent=1, allow_nan=False)
     (out / "statistics.json").write_text(text + "\n", encoding="utf-8")
-    page = write(gathered, json.loads(text), out)
-    print(f"{len(trials)} trials, {len(gathered.left_out)} left out: {page}")
-    return 0
+    return write(gathered, json.loads(text), out)

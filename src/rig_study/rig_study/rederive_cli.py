@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from rig_bag import BagError
 from rig_study.changes import apply, value_from_text
-from rig_study.recorded import VERDICTS, TrialError, load
+from rig_study.commands import carry_out
+from rig_study.declared import StudyError
+from rig_study.recorded import VERDICTS, load
 from rig_study.recorded_inputs import RecordedInputs, load_inputs, user_forces
 from rig_study.rederive import Rederived, rederive, simulate
 from rig_study.trial_report import rows
-from shared_control.parameters import ParameterError
 from shared_control.scenario import Scenario, ScenarioError
 
 __all__ = ["main"]
@@ -63,15 +62,15 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Returns 0 if all is as recorded, or was changed on purpose; 1 if not; 2 for bad input."""
     arguments = parser().parse_args(argv)
-    try:
-        inputs = load_inputs(arguments.bag, arguments.scenario)
-        changed = _changed(inputs.scenario, arguments.changes, closed_loop=arguments.closed_loop)
-        if arguments.closed_loop:
-            return _closed_loop(inputs, changed)
-        derived = rederive(inputs, changed)
-    except (BagError, TrialError, ParameterError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return carry_out(lambda: _rederive(arguments))
+
+
+def _rederive(arguments: argparse.Namespace) -> int:
+    inputs = load_inputs(arguments.bag, arguments.scenario)
+    changed = _changed(inputs.scenario, arguments.changes, closed_loop=arguments.closed_loop)
+    if arguments.closed_loop:
+        return _closed_loop(inputs, changed)
+    derived = rederive(inputs, changed)
     if inputs.dropped:
         print(f"note: {inputs.dropped} decisions at the end are left out: their state or wrench is not in the bag")
     speed = f"{len(derived.decisions)} decisions in {derived.seconds:.2f} s"
@@ -130,8 +129,7 @@ def _plot(derived: Rederived, path: Path, changes: Sequence[str]) -> int:
     try:
         path.write_text(counterfactual(derived, ", ".join(changes)), encoding="utf-8")
     except OSError as error:
-        print(f"error: {path} cannot be written: {error.strerror}", file=sys.stderr)
-        return 2
+        raise StudyError(f"{path} cannot be written: {error.strerror}") from None
     print(f"plot  {path}")
     return 0
 

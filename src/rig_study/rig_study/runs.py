@@ -14,39 +14,34 @@ import functools
 import hashlib
 import json
 import os
-import sys
+import signal
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import shared_control
+from rig_runtime.children import end_with_parent
 from rig_study.declared import StudyError
 from shared_control.filter import Verdict
 from shared_control.scenario import Scenario
-from shared_control.trial import run_trial, wanted_speed
+from shared_control.trial import judged, run_trial, wanted_speed
 
-__all__ = ["Job", "digest", "progress", "run", "run_job", "science", "write_table"]
+__all__ = ["Finished", "Job", "finished", "processes", "run", "run_job", "science", "write_table"]
 
 Row = dict[str, Any]
 
 
-def digest(files: Iterable[Path], root: Path) -> str:
-    """SHA-256 over the names below ``root`` and the contents of files, in hexadecimal."""
-    found = hashlib.sha256()
-    for path in sorted(files):
-        found.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return found.hexdigest()
-
-
 @functools.cache
 def science() -> str:
-    """Of the sources that a headless trial runs: a result of other code is not the result."""
-    root = Path(shared_control.__file__).parent
-    return digest(root.rglob("*.py"), root)
+    """SHA-256 of the sources that a headless trial runs: a result of other code is not the result."""
+    root, found = Path(shared_control.__file__).parent, hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        found.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return found.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -58,16 +53,32 @@ class Job:
     seed: int
     labels: Mapping[str, Any] = field(default_factory=dict)
     trace: int = 0  # keep the state of each so many ticks; 0: of none
+    judge: Scenario | None = None  # whose filter judges the trial when it is over: what it would have rejected
 
     @property
     def key(self) -> str:
         """Name and hash of all that the result depends on."""
-        parts = {part: dataclasses.asdict(getattr(self.scenario, part)) for part in ("filter", "robot", "user", "task")}
-        # Pace and proposed seed are no part of a headless trial.
-        loop = {k: v for k, v in dataclasses.asdict(self.scenario.loop).items() if k not in ("seed", "pacing")}
-        what = [parts, loop, self.seed, dict(self.labels), self.trace, science()]
+        scenarios = [_content(self.scenario), None if self.judge is None else _content(self.judge)]
+        what = [scenarios, self.seed, dict(self.labels), self.trace, science()]
         text = json.dumps(what, sort_keys=True, default=list)
         return f"{self.name}:{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+class Finished(NamedTuple):
+    """A job with its row."""
+
+    job: Job
+    key: str
+    row: Row
+    seconds: float  # that the trial took, in the process that ran it
+    before: bool  # it was in the journal
+
+
+def _content(scenario: Scenario) -> dict[str, Any]:
+    content = {part: dataclasses.asdict(getattr(scenario, part)) for part in ("filter", "robot", "user", "task")}
+    # Pace and proposed seed are no part of a headless trial.
+    loop = {k: v for k, v in dataclasses.asdict(scenario.loop).items() if k not in ("seed", "pacing")}
+    return {**content, "loop": loop}
 
 
 def run_job(job: Job) -> Row:
@@ -78,6 +89,8 @@ def run_job(job: Job) -> Row:
     row["intervened"] = float(np.mean(result.verdict != Verdict.ACCEPTED))
     row["outcome"] = int(result.outcome)
     row |= {} if result.measures is None else result.measures._asdict()
+    if job.judge is not None:
+        row["judged_pra"] = judged(result, job.judge).pra
     if job.trace:
         names = job.scenario.loop.make_task().state_names
         row |= {f"trace.{name}": result.states[:: job.trace, k].tolist() for k, name in enumerate(names)}
@@ -105,38 +118,83 @@ def run(
 
     Parameters
     ----------
-    workers: processes of the pool; as many as this process may use, if left out.
-    scheduler: address of a Dask scheduler, instead of the pool.
+    workers, scheduler: as for :func:`finished`.
     report: called with trials done, trials in all, and trials that were there already.
 
     Raises
     ------
-    StudyError: two jobs of one name, the journal cannot be written, or the scheduler cannot be reached.
+    StudyError: two jobs of one name, and as :func:`finished`.
     """
-    keys = [job.key for job in jobs]
     if len({job.name for job in jobs}) != len(jobs):
         raise StudyError("two trials have the same name")
-    if workers is not None and workers < 1:
-        raise StudyError(f"workers: {workers} is not allowed; it must be at least 1")
+    rows: dict[str, Row] = {}
+    there = 0
+    with contextlib.closing(finished(jobs, folder, workers=workers, scheduler=scheduler)) as results:
+        for done, result in enumerate(results, 1):
+            rows[result.key] = result.row
+            there += result.before
+            if report is not None and not result.before:
+                report(done, len(jobs), there)
+    return [rows[job.key] for job in jobs]
+
+
+def finished(
+    jobs: Sequence[Job], folder: Path, *, workers: int | None = None, scheduler: str | None = None
+) -> Iterator[Finished]:
+    """Each job when it is finished: first those in the journal of ``folder``, then the others, begun in their order.
+
+    Close the iterator (``contextlib.closing``) where it may not be used up: it ends the processes.
+
+    Parameters
+    ----------
+    workers: processes of the pool; as many as this process may use, if left out.
+    scheduler: address of a Dask scheduler, instead of the pool.
+
+    Raises
+    ------
+    StudyError: the journal cannot be written, the scheduler cannot be reached, or a process was ended from outside.
+    RuntimeError: a trial failed; the message names it.
+    """
+    count, todo = processes(workers), dict[str, Job]()
+    journal = folder / "journal.jsonl"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        rows = _journal(folder / "journal.jsonl")
-        todo = [job for job, key in zip(jobs, keys, strict=True) if key not in rows]
-        there = len(jobs) - len(todo)
+        there = _journal(journal)
         # Line by line into the file: a run that is killed loses what was not finished, and nothing else.
-        with (folder / "journal.jsonl").open("a", encoding="utf-8") as journal:
-            for done, (job, row) in enumerate(_results(todo, workers, scheduler), there + 1):
-                rows[job.key] = row
-                journal.write(json.dumps({"key": job.key, "row": row}) + "\n")
-                journal.flush()
-                if report is not None:
-                    report(done, len(jobs), there)
+        file = journal.open("a", encoding="utf-8")
     except OSError as error:
         raise StudyError(f"{folder}: {error.strerror or error}") from error
-    return [rows[key] for key in keys]
+    with file:
+        for job in jobs:
+            if (key := job.key) in there:
+                yield Finished(job, key, *there[key], before=True)
+            else:
+                todo[key] = job
+        with contextlib.closing(_results(todo, count, scheduler)) as results:
+            for key, (row, seconds) in results:
+                try:
+                    file.write(json.dumps({"key": key, "row": row, "seconds": round(seconds, 4)}) + "\n")
+                    file.flush()
+                except OSError as error:
+                    raise StudyError(f"{journal}: {error.strerror or error}") from error
+                yield Finished(todo[key], key, row, seconds, before=False)
 
 
-def _journal(path: Path) -> dict[str, Row]:
+def processes(workers: int | None) -> int:
+    """As many as wanted, or as this process may use.
+
+    Raises
+    ------
+    StudyError: fewer than one.
+    """
+    if workers is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if workers < 1:
+        raise StudyError(f"workers: {workers} is not allowed; it must be at least 1")
+    return workers
+
+
+def _journal(path: Path) -> dict[str, tuple[Row, float]]:
     """What is there; a torn end is cut off, so that the next line begins on its own."""
     if not path.exists():
         return {}
@@ -145,37 +203,57 @@ def _journal(path: Path) -> dict[str, Row]:
     if len(whole) != len(data):
         path.write_bytes(whole)
     entries = (json.loads(line) for line in whole.splitlines())
-    return {entry["key"]: entry["row"] for entry in entries}
+    return {entry["key"]: (entry["row"], entry.get("seconds", 0.0)) for entry in entries}
 
 
-def _results(jobs: Sequence[Job], workers: int | None, scheduler: str | None) -> Iterator[tuple[Job, Row]]:
-    """Each job with its row, in the order in which they finish."""
+def _timed(job: Job) -> tuple[Row, float]:
+    begin = time.perf_counter()
+    try:
+        return run_job(job), time.perf_counter() - begin
+    except Exception as error:
+        raise RuntimeError(f"trial {job.name}, seed {job.seed}, failed: {type(error).__name__}: {error}") from error
+
+
+def _results(jobs: Mapping[str, Job], workers: int, scheduler: str | None) -> Iterator[tuple[str, tuple[Row, float]]]:
+    """Key, row and time of each job, in the order in which they finish."""
     if scheduler is not None:
         yield from _on_dask(jobs, scheduler)
         return
-    if workers is None:
-        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     workers = min(workers, len(jobs))
     if workers <= 1:
-        yield from ((job, run_job(job)) for job in jobs)
+        yield from ((key, _timed(job)) for key, job in jobs.items())
         return
     # Imported here: one worker needs no pool.
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures.process import BrokenProcessPool
 
     # The first one here: what is to be compiled is compiled once, and forked workers have it.
-    yield jobs[0], run_job(jobs[0])
+    first, *others = jobs
+    yield first, _timed(jobs[first])
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
-    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context(method))
+    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context(method), initializer=_in_worker)
     try:
-        futures = {pool.submit(run_job, job): job for job in jobs[1:]}
+        futures = {pool.submit(_timed, jobs[key]): key for key in others}
         for future in as_completed(futures):
             yield futures[future], future.result()
+    except BrokenProcessPool:
+        raise StudyError(
+            "a process was ended from outside (by a lack of memory?); what was finished is kept, and the same command "
+            "goes on from there, with --workers 1 in one process"
+        ) from None
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _on_dask(jobs: Sequence[Job], scheduler: str) -> Iterator[tuple[Job, Row]]:
+def _in_worker() -> None:
+    # Ctrl-C reaches every process of the terminal: the first one ends the others, each after its trial.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    end_with_parent(signal.SIGKILL)
+
+
+def _on_dask(jobs: Mapping[str, Job], scheduler: str) -> Iterator[tuple[str, tuple[Row, float]]]:
     from distributed import Client, as_completed
 
     try:
@@ -183,29 +261,10 @@ def _on_dask(jobs: Sequence[Job], scheduler: str) -> Iterator[tuple[Job, Row]]:
     except (OSError, ValueError) as error:
         raise StudyError(f"scheduler {scheduler!r} cannot be reached: {error}") from error
     with client:
-        futures = client.map(run_job, jobs, pure=False)
-        job_of = {future.key: job for future, job in zip(futures, jobs, strict=True)}
+        futures = client.map(_timed, list(jobs.values()), pure=False)
+        key_of = {future.key: key for future, key in zip(futures, jobs, strict=True)}
         for future in as_completed(futures):
-            yield job_of[future.key], future.result()
-
-
-def progress(title: str) -> Callable[[int, int, int], None]:
-    """A line on standard error: done, in all, and how long the rest will take at this rate."""
-    begin = time.monotonic()
-
-    def show(done: int, total: int, there: int) -> None:
-        rate = (time.monotonic() - begin) / max(1, done - there)
-        left = round(rate * (total - done))
-        end = "\n" if done == total or not sys.stderr.isatty() else ""
-        if end == "\n" and done != total and done % max(1, total // 20):
-            return
-        filled = 30 * done // total
-        print(
-            f"\r{title} [{'#' * filled}{'.' * (30 - filled)}] {done}/{total}, {left // 60}:{left % 60:02d} left ",
-            end=end, file=sys.stderr, flush=True,
-        )  # fmt: skip
-
-    return show
+            yield key_of[future.key], future.result()
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rig_study import cohort as cohorts
+from rig_study.commands import carry_out
 from rig_study.declared import StudyError
+from rig_study.progress import progress
 from rig_study.protocol import Protocol, load_protocol
-from rig_study.runs import progress, run, write_table
+from rig_study.runs import Row, run, write_table
 from rig_study.session import LOG, Progress
-from rig_study.statistics import StatisticsError
-from shared_control.parameters import ParameterError
 
-__all__ = ["add_run_options", "main", "sessions", "simulate"]
+__all__ = ["add_run_options", "keep", "main", "sessions"]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -92,14 +91,7 @@ def main(argv: Sequence[str], conduct: Callable[[argparse.Namespace], int] | Non
     commands = {"plan": _plan, "run": conduct or _no_graph, "status": _status, "simulate": _simulate, "power": _power}
     if options.command == "simulate" and options.graph:
         commands["simulate"] = conduct or _no_graph
-    try:
-        return commands[options.command](options)
-    except (ParameterError, StatisticsError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; the same command goes on from here", file=sys.stderr)
-        return 130
+    return carry_out(lambda: commands[options.command](options), resumes=True)
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -144,32 +136,25 @@ def _status(options: argparse.Namespace) -> int:
 def _simulate(options: argparse.Namespace) -> int:
     protocol, cohort = load_protocol(options.protocol), cohorts.load_cohort(options.cohort)
     folder = sessions(options, protocol)
-    rows = simulate(protocol, cohort, folder, workers=options.workers, scheduler=options.scheduler)
-    print(f"{rows} trials of {len(protocol.subjects)} subjects: {folder / 'trials.parquet'}")
+    shown = progress(protocol.file.path.stem)
+    jobs = cohorts.jobs(protocol, cohort)
+    rows = run(jobs, folder, workers=options.workers, scheduler=options.scheduler, report=shown)
+    keep(protocol, cohort, rows, folder)
+    print(f"{len(rows)} trials of {len(protocol.subjects)} subjects: {folder / 'trials.parquet'}")
     print(f"next: ./rig analyze {folder} --out {folder / 'report'}")
     return 0
 
 
-def simulate(
-    protocol: Protocol,
-    cohort: cohorts.Cohort,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-) -> int:
-    """Every trial of a protocol with virtual subjects into ``folder``; how many there are.
+def keep(protocol: Protocol, cohort: cohorts.Cohort, rows: Sequence[Row], folder: Path) -> None:
+    """The table of a simulated study, with protocol and cohort as used beside it.
 
     Raises
     ------
-    StudyError: as :func:`rig_study.runs.run`. ParameterError: as :func:`rig_study.cohort.jobs`.
+    StudyError: the folder cannot be written.
     """
-    shown = progress(protocol.file.path.stem)
-    rows = run(cohorts.jobs(protocol, cohort), folder, workers=workers, scheduler=scheduler, report=shown)
+    write_table(rows, folder / "trials.parquet")
     (folder / "protocol.yaml").write_text(protocol.file.text, encoding="utf-8")
     (folder / "cohort.yaml").write_text(cohort.file.text, encoding="utf-8")
-    write_table(rows, folder / "trials.parquet")
-    return len(rows)
 
 
 def _power(options: argparse.Namespace) -> int:

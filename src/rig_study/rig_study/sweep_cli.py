@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rig_study.runs import Job, progress, run, write_table
+from rig_study.commands import carry_out
+from rig_study.progress import progress
+from rig_study.runs import Job, run, write_table
 from rig_study.study_cli import add_run_options
 from rig_study.sweep import load_sweep, montecarlo_jobs, sweep_jobs
-from shared_control.parameters import ParameterError
 
 __all__ = ["montecarlo", "sweep"]
 
@@ -46,15 +46,11 @@ def sweep(argv: Sequence[str]) -> int:
 
 def _run(make: Callable[[], list[Job]], name: str, options: argparse.Namespace) -> int:
     folder = options.out or Path("runs") / name
-    try:
-        jobs = make()
-        rows = run(jobs, folder, workers=options.workers, scheduler=options.scheduler, report=progress(name))
+
+    def body() -> int:
+        rows = run(make(), folder, workers=options.workers, scheduler=options.scheduler, report=progress(name))
         print(f"{len(rows)} trials: {write_table(rows, folder / 'trials.parquet')}")
         print(f"next: ./rig analyze {folder} --out {folder / 'report'}")
-    except ParameterError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; the same command goes on from here", file=sys.stderr)
-        return 130
-    return 0
+        return 0
+
+    return carry_out(body, resumes=True)

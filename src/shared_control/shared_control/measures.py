@@ -21,6 +21,8 @@ fit.
     The same over the whole trial.
 ``cart_excursion`` [m]
     max |x_c|.
+``upright_at_end``
+    Wrapped theta within 0.4 rad at the last node.
 
 Of SLIP:
 
@@ -65,6 +67,7 @@ class CartPendulumMeasures(NamedTuple):
     pra: float
     pra_trial: float
     cart_excursion: float
+    upright_at_end: bool
 
 
 class SlipMeasures(NamedTuple):
@@ -143,6 +146,7 @@ def cart_pendulum(
         pra=_share(stopped[:until], acted[:until]),
         pra_trial=_share(stopped, acted),
         cart_excursion=float(np.max(np.abs(x[:, 2]))),
+        upright_at_end=bool(abs(theta[-1]) <= CartPendulum.success_angle),
     )
 
 
