@@ -65,6 +65,26 @@ def test_reset_and_force_that_is_not_finite():
     assert robot.step(np.array([np.nan, 0.0, 0.0])).acceleration[0] == 0.0
 
 
+force = st.floats(-1e9, 1e9)
+
+
+@given(
+    st.sampled_from(
+        [
+            {},
+            {"drive_frequency": 10.0, "hand_stiffness": 50.0, "hand_damping": 5.0, "hand_mass": 0.5},
+            {"free_axes": (True, True, True), "arm_weight": 30.0, "support": 0.5, "design_limits": (0.5, 0.5, 0.5)},
+            {"spring_stiffness": 5000.0, "spring_damping": 50.0, "velocity_limit": 1.0, "force_limit": 100.0},
+        ]
+    ),
+    st.lists(st.tuples(force, force, force), min_size=1, max_size=8),
+)
+def test_never_a_motion_that_is_not_finite(options, forces):
+    robot = Admittance(AdmittanceConfig(**options), Robot(2.0, 5.0))
+    for f in forces:
+        assert np.all(np.isfinite(robot.step(np.array(f))))
+
+
 def test_arrays_are_the_callers():
     robot = Admittance()
     kept = robot.step(np.array([3.0, 0.0, 0.0]))

@@ -194,3 +194,32 @@ def test_sac_keeps_the_mass_up():
         heights.append(x[2])
     assert heights[0] <= 0.0
     assert heights[1] > 0.4
+
+
+def test_ilqr_is_stationary_across_events():
+    """No control of the schedule that it ends at, within the limits, lowers J to first order: by complex steps through
+    the events of the plan itself. As large as it may be: the slope of the effort at a ten-thousandth of the limits.
+    """
+    compared, steps, limits, r = 0, 30, np.array([20.0, 5.0]), np.array(R)
+    for x, _ in cases(12, 6):
+        controller = controllers.make(
+            "ilqr", TASK, COST, horizon=steps * DT, iterations=300, tolerance=1e-13, limits=tuple(limits)
+        )
+        solution, plan = controller.solve(x), controller.schedule
+        line = trajectory(x, plan)
+        if line is None or not line[2]:
+            continue  # a plan without an event, or with two in a sample
+        legs = np.hypot(line[0][:, 0].real - line[0][:, 4].real, line[0][:, 2].real)
+        if np.any(np.abs(legs - L0) < 1e-6):
+            continue  # an event between two samples, where a control begins to count and J has a corner
+        assert solution.converged
+        assert solution.cost == pytest.approx(state_cost(line[0].real) + 0.5 * DT * np.sum(r * plan**2), rel=1e-7)
+        slope = DT * r * plan
+        for k, j in np.ndindex(steps, 2):
+            bumped = plan.astype(complex)
+            bumped[k, j] += 1j * TINY
+            slope[k, j] += state_cost(trajectory(x, bumped)[0]).imag / TINY
+        pinned = (np.abs(plan) >= limits) & (slope * plan < 0.0)
+        assert np.all(pinned | (np.abs(slope) < 1e-4 * DT * r * limits))
+        compared += 1
+    assert compared >= 3

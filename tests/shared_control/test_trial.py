@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -68,6 +71,21 @@ def test_any_number_of_workers(scenario, capsys):
     assert equal(one[1], run_trial(scenario, 2))
     assert not np.array_equal(one[0].states, one[1].states)
     assert "3/3" in capsys.readouterr().err
+
+
+def test_any_process(scenario):
+    """An interpreter of its own, with other hashes and another thread count, gives the same floats."""
+    code = (
+        "from shared_control.trial import run_trial\n"
+        "result = run_trial({'/**': {'ros__parameters': {'duration': 1.0}}}, 3)\n"
+        "print((result.states.tobytes() + result.admitted_force.tobytes()).hex())\n"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": "5", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment, timeout=300
+    )
+    here = run_trial(scenario, 3)
+    assert run.stdout.strip() == (here.states.tobytes() + here.admitted_force.tobytes()).hex()
 
 
 def test_no_seeds_and_no_workers(scenario):
