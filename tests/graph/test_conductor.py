@@ -13,13 +13,14 @@ from std_srvs.srv import Trigger
 from whole_graph import sections
 
 from mig_interfaces.msg import SessionState, TrialState
-from mig_interfaces.srv import AbortTrial, StartTrial
+from mig_interfaces.srv import AbortTrial, ChooseSession, StartTrial
 from rig_bag.verify import verify
 from rig_bringup.compose import graph as graph_of
 from rig_runtime import topics
 from rig_study.conductor import ConductorNode
 from rig_study.protocol import load_protocol
 from rig_study.session import LOG, Session, events
+from rig_study.studies import Studies
 
 PROTOCOL = """
 study: {scenario: SCENARIO, duration: DURATION, seed: 3, instructions: Stay upright.}
@@ -176,3 +177,46 @@ def test_a_trial_that_cannot_be_started_is_tried_again_and_then_waits(conducted:
     assert conducted.ask(topics.RESUME_SERVICE).success
     conducted.until_told(over=True)
     assert [name for name, _, _ in conducted.said("finished")] == ["finished"] * 3
+
+
+def test_another_session_is_chosen_between_two_trials_and_not_during_one(conducted: Conducted) -> None:
+    told = conducted.graph.collect(topics.STUDY_CHOICES)
+    other = conducted.folder / "other.yaml"
+    node = conducted.conduct(
+        duration=20.0, studies=Studies([other, conducted.folder / "short.yaml"], lambda _: conducted.folder)
+    )
+    other.write_text((conducted.folder / "short.yaml").read_text())
+
+    def choose(protocol: str, subject: str) -> Any:
+        asked = ChooseSession.Request(protocol=protocol, subject=subject)
+        return conducted.graph.call(ChooseSession, f"/rig/{topics.CHOOSE_SERVICE}", asked)
+
+    conducted.graph.until(lambda: bool(conducted.trials) and conducted.trials[-1].phase == TrialState.PHASE_RUNNING)
+    assert conducted.ask(topics.PAUSE_SERVICE).success
+    refused = choose("other", "S01")
+    assert (refused.success, "a trial is going on" in refused.message) == (False, True)
+    conducted.until_told(waiting=True, trials_done=1)
+    conducted.graph.until(lambda: {each.protocol: each.trials_done for each in told[-1].subjects}.get("short") == 1)
+    for protocol, subject, words in (
+        ("third", "S01", "there is no protocol 'third'; there are other, short"),
+        ("other", "S99", "subject 'S99' is not in other"),
+        ("short", "S01", "being led already"),
+    ):
+        refused = choose(protocol, subject)
+        assert not refused.success
+        assert words in refused.message
+    assert node.choice is None
+    # The log in that folder is of the other protocol.
+    assert "is the session of S01 in short-" in choose("other", "S01").message
+    (conducted.folder / "S01" / LOG).rename(conducted.folder / "elsewhere.jsonl")
+    accepted = choose("other", "S01")
+    assert (accepted.success, accepted.message) == (True, "S01 of other begins: the graph is being started")
+    assert node.choice is not None
+    assert (node.choice.protocol.file.path, node.choice.subject) == (other, "S01")
+    conducted.graph.until(lambda: told[-1].message == accepted.message)
+    assert "begins already" in choose("other", "S01").message
+    # This session starts no more trials.
+    assert conducted.ask(topics.RESUME_SERVICE).success
+    trials, told_before = len(conducted.trials), len(conducted.told)
+    conducted.graph.until(lambda: len(conducted.told) > told_before + 1)
+    assert len(conducted.trials) == trials

@@ -13,8 +13,8 @@ from loop_messages import SAMPLE
 from page_client import Web
 from std_srvs.srv import Trigger
 
-from mig_interfaces.msg import FilterDecision, SessionState, TrialState
-from mig_interfaces.srv import AbortTrial, StartTrial
+from mig_interfaces.msg import FilterDecision, SessionState, StudyChoices, StudySubject, TrialState
+from mig_interfaces.srv import AbortTrial, ChooseSession, StartTrial
 from rig_display.hand import STALLED, STOPPED
 from rig_display.node import DisplayNode
 from rig_runtime import topics
@@ -174,6 +174,44 @@ def test_where_a_session_is_led_its_conductor_starts_the_trials(bench: Callable[
     for what in ("pause", "resume", "repeat"):
         operator.say("session", do=what)
     at.until(lambda: sorted(called) == sorted(names))
+
+
+def test_an_operator_and_nobody_else_chooses_whose_session_is_next(bench: Callable[..., Any], web: Web) -> None:
+    at = bench("countdown:=0.0")
+    asked: list[tuple[str, str]] = []
+
+    def choose(request: ChooseSession.Request, response: ChooseSession.Response) -> ChooseSession.Response:
+        asked.append((request.protocol, request.subject))
+        response.success, response.message = request.subject == "S2", f"{request.subject} it is"
+        return response
+
+    at.graph.node.create_service(ChooseSession, topics.CHOOSE_SERVICE, choose)
+    choices = at.graph.publisher(topics.STUDY_CHOICES)
+    page, early = drive(at, web), web.page(at.node, operator=True)
+    assert not page.status["choosing"]
+    offered = StudySubject(
+        protocol="demo", title="A demo", subject="S2", group="all", trials_done=1, trials_planned=9, problem=""
+    )
+    choices.publish(StudyChoices(subjects=[offered], message="it failed", failed=True))
+    at.until(lambda: "choices" in early.heard and page.status["choosing"])
+    late = web.page(at.node, operator=True)
+    at.until(lambda: "choices" in late.heard)
+    named = {"protocol": "demo", "title": "A demo", "subject": "S2", "group": "all", "done": 1, "planned": 9}
+    for operator in (early, late):
+        assert operator.heard["choices"]["subjects"] == [{**named, "problem": ""}]
+        assert (operator.heard["choices"]["message"], operator.heard["choices"]["failed"]) == ("it failed", True)
+    assert "choices" not in page.heard
+    at.until(at.node._desk._chooser.service_is_ready)
+    page.say("choose", protocol="demo", subject="S2")
+    at.until(lambda: any("only an operator" in note["text"] for note in page.notes))
+    early.say("start", subject="S9", group="", set="", trial=1, duration=0.0)
+    at.until(lambda: any("choose whose session is next" in note["text"] for note in early.notes))
+    assert not asked
+    for subject, good in (("S1", False), ("S2", True)):
+        late.say("choose", protocol="demo", subject=subject)
+        at.until(lambda subject=subject: bool(late.notes) and late.notes[-1]["text"] == f"{subject} it is")
+        assert late.notes[-1]["good"] is good
+    assert asked == [("demo", "S1"), ("demo", "S2")]
 
 
 def test_a_fault_of_the_graph_is_shown_and_released(bench: Callable[..., Any], web: Web) -> None:

@@ -107,6 +107,8 @@ def test_a_good_message_comes_through_as_numbers() -> None:
         '{"type": "drive", "more": 1}',
         '{"type": "mode", "mode": "hard"}',
         '{"type": "mode", "mode": []}',
+        '{"type": "choose", "protocol": "demo"}',
+        '{"type": "choose", "protocol": "demo", "subject": 7}',
         '{"type": "abort", "reason": "' + 300 * "x" + '"}',
         '{"type": "abort", "reason": "a\\u0000b"}',
         '{"type": "feedback", "on": 1}',

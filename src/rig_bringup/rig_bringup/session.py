@@ -6,11 +6,17 @@ import argparse
 import os
 import queue
 import sys
+import tempfile
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_prefix
 
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
@@ -21,12 +27,16 @@ from rig_study.cohort import load_cohort
 from rig_study.declared import StudyError
 from rig_study.protocol import PlannedTrial, Protocol, load_protocol
 from rig_study.session import Session
+from rig_study.studies import Choice, Studies
 from shared_control import scenario as science
+from shared_control.parameters import ParameterError
 from shared_control.users import UserConfig
 
 _READY_LIMIT = 60.0  # [s]
 _ENDING_LIMIT = 20.0  # [s]
+_FAREWELL = 0.3  # [s]
 _NODES = ("mig_filter", "admittance_sim", "recorder")
+_LOG = "graph.log"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -40,23 +50,17 @@ def conduct(options: argparse.Namespace) -> int:
     Returns 0 if it came to its end, 130 if it was left before, 1 if the graph failed.
     """
     scenario.use_shipped_scenarios()
+    if options.command == "run":
+        return _run(options)
     protocol = load_protocol(options.protocol)
     folder = study_cli.sessions(options, protocol).resolve()
-    if options.command == "run":
-        port = options.port if options.display else None
-        setting = _Setting(options.pacing, options.compose, options.namespace, port)
-        code = _session(protocol, options.subject, folder / options.subject, setting)
-        if code == 0:
-            out = folder / options.subject
-            print(f"{options.subject} has done all trials\nnext: ./rig analyze {out} --out {out / 'report'}")
-        return code
     if options.workers is not None or options.scheduler is not None:
         raise StudyError("--graph runs one trial after the other; leave out --workers and --scheduler")
     cohort = load_cohort(options.cohort)
     for number, subject in enumerate(protocol.subjects, 1):
         print(f"[{number}/{len(protocol.subjects)}]", end=" ")
         setting = _Setting("lockstep", compose=True, user=cohort.users(protocol, subject))
-        code = _session(protocol, subject, folder / subject, setting)
+        code, _ = _session(Choice(protocol, subject, folder / subject), setting)
         if code != 0:
             return code
     print(f"all subjects have done all trials\nnext: ./rig analyze {folder} --out {folder / 'report'}")
@@ -74,28 +78,102 @@ class _Setting:
     port: int | None = None
     #: The virtual subject, trial by trial; none: the scenario's own user, if it is not a person.
     user: Callable[[PlannedTrial], UserConfig] | None = None
+    #: What the operator may choose from on the page; none: there is nothing to choose.
+    studies: Studies | None = None
+
+    def invitation(self) -> str:
+        """Where the pages are."""
+        return f"driver    http://127.0.0.1:{self.port}/\noperator  http://127.0.0.1:{self.port}/operator"
 
 
-def _session(protocol: Protocol, subject: str, folder: Path, setting: _Setting) -> int:
+def _run(options: argparse.Namespace) -> int:
+    if options.display and options.pacing != "realtime":
+        raise StudyError("--display: a person cannot be hurried, so pacing must be realtime, not lockstep")
+    port = options.port if options.display else None
+    setting = _Setting(options.pacing, options.compose, options.namespace, port)
+    if options.subject is None:
+        return _receive(replace(setting, studies=study_cli.studies(options)))
+    if options.protocol is None or options.protocols is not None:
+        raise StudyError("--subject: is of one protocol; name that, without --protocols, as in: demo --subject S07")
+    protocol = load_protocol(options.protocol)
+    folder = study_cli.sessions(options, protocol).resolve() / options.subject
+    code, _ = _session(Choice(protocol, options.subject, folder), setting)
+    if code == 0:
+        print(f"{options.subject} has done all trials\nnext: ./rig analyze {folder} --out {folder / 'report'}")
+    return code
+
+
+def _receive(setting: _Setting) -> int:
+    """One session after the other, as the operator chooses on the page, until interrupted."""
+    print(f"{setting.invitation()}\nThe operator chooses whose session is led; Ctrl-C ends this.", flush=True)
+    choice: Choice | None = None
+    said = ""
+    while True:
+        if choice is None:
+            code, choice = _wait_for_choice(setting, said)
+            if choice is None:
+                return code
+        last, said = choice, ""
+        try:
+            code, choice = _session(last, setting)
+        except ParameterError as error:
+            choice, said = None, str(error)
+            print(f"error: {said}", file=sys.stderr)
+            continue
+        if code == 130:
+            return code
+        if code != 0:
+            said = f"the graph of {last} has failed; its output is in {last.folder / _LOG}"
+
+
+def _wait_for_choice(setting: _Setting, said: str) -> tuple[int, Choice | None]:
+    """With the pages alone, before a session and after one that failed; `said` tells of that."""
+    assert setting.studies is not None
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        # The task is only looked at. The conductor alone starts trials.
+        page = {"/**/display": {"port": setting.port, "driver_starts": False}}
+        (folder / "display.yaml").write_text(scenario.parameter_file(page))
+        executable = Path(get_package_prefix("rig_display")) / "lib" / "rig_display" / "display"
+        arguments = ["--ros-args", "-r", f"__ns:=/{setting.namespace}", "--params-file", str(folder / "display.yaml")]
+        with GraphProcess([str(executable), *arguments], folder / _LOG, {}) as pages:
+            from rclpy import create_node
+
+            from rig_study.reception import Reception
+
+            with _served(lambda **context: create_node("conductor", namespace=setting.namespace, **context)) as served:
+                node, executor = served
+                reception = Reception(node, setting.studies, said=said)
+                if not _serve(executor, pages, lambda: reception.choice is not None, lambda: "waiting for a choice"):
+                    print(f"error: the pages ended:\n{pages.last_words()}", file=sys.stderr)
+                    return 1, None
+                _linger(executor)
+    return 0, reception.choice
+
+
+def _session(choice: Choice, setting: _Setting) -> tuple[int, Choice | None]:
+    """Lead a session; how it ended, and which one was chosen in its place if one was."""
+    protocol, subject, folder = choice.protocol, choice.subject, choice.folder
     with ExitStack() as stack:
         session = stack.enter_context(Session(protocol, subject, folder))
         print(f"{protocol.name}, {subject}, in {folder}", flush=True)
         if session.progress.next() is None:
-            return 0
+            return 0, None
         # The graph of a conductor that was killed takes a moment to end.
         check_free(setting.namespace, _ENDING_LIMIT)
         files = _write_parameters(setting, protocol, subject, folder)
-        if setting.port is not None:
-            print(f"driver    http://127.0.0.1:{setting.port}/\noperator  http://127.0.0.1:{setting.port}/operator")
+        if setting.port is not None and setting.studies is None:
+            print(setting.invitation())
         environment = {"RIG_NAMESPACE": setting.namespace, **scheduling(setting.pacing)}
         environment |= {"RIG_USER": "display"} if setting.port is not None else {}
         command = graph_command(setting.compose, files, setting.namespace)
         try:
-            graph = stack.enter_context(GraphProcess(command, folder / "graph.log", environment))
+            graph = stack.enter_context(GraphProcess(command, folder / _LOG, environment))
             return _lead(session, graph, setting)
         except KeyboardInterrupt:
-            print("\nthe session stops here; the same command goes on with this trial", file=sys.stderr)
-            return 130
+            again = "the same command" if setting.studies is None else f"{choice}, chosen again,"
+            print(f"\nthe session stops here; {again} goes on with this trial", file=sys.stderr)
+            return 130, None
 
 
 def _write_parameters(setting: _Setting, protocol: Protocol, subject: str, folder: Path) -> list[Path]:
@@ -131,57 +209,93 @@ def _write_parameters(setting: _Setting, protocol: Protocol, subject: str, folde
     return [folder / "scenario.yaml", folder / "run.yaml"]
 
 
-def _lead(session: Session, graph: GraphProcess, setting: _Setting) -> int:
+def _lead(session: Session, graph: GraphProcess, setting: _Setting) -> tuple[int, Choice | None]:
     # Imported while the nodes start: it takes about as long as they do.
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
     from std_srvs.srv import Trigger
 
     from mig_interfaces.srv import AbortTrial
     from rig_runtime import topics
-    from rig_runtime.run import make_executor
     from rig_study.conductor import ConductorNode
 
     keys = _keys()
-    line = Line()
+    user = setting.user
+
+    def make(**context: Any) -> ConductorNode:
+        return ConductorNode(
+            session,
+            wait_for_person=setting.port is not None,
+            skill=(lambda trial: user(trial).skill) if user is not None else None,
+            studies=setting.studies,
+            namespace=setting.namespace,
+            **context,
+        )
+
+    with _served(make) as (node, executor):
+        abort = node.create_client(AbortTrial, topics.ABORT_SERVICE)
+        calls = {
+            key: (node.create_client(Trigger, name), Trigger.Request())
+            for key, name in (("p", topics.PAUSE_SERVICE), ("", topics.RESUME_SERVICE), ("r", topics.REPEAT_SERVICE))
+        } | {"a": (abort, AbortTrial.Request(reason="aborted by the operator"))}
+
+        def done() -> bool:
+            while not keys.empty():
+                client, request = calls.get(keys.get(), (None, None))
+                if client is not None and client.service_is_ready():
+                    client.call_async(request)
+            # Where the operator chooses, the pages stay until there is another session.
+            return node.choice is not None or (node.over and setting.studies is None)
+
+        if not _serve(executor, graph, done, node.progress):
+            print(f"error: the graph ended before the session did:\n{graph.last_words()}", file=sys.stderr)
+            return 1, None
+        if node.choice is not None:
+            _linger(executor)
+        return 0, node.choice
+
+
+@contextmanager
+def _served(make: Callable[..., Any]) -> Iterator[tuple[Any, Any]]:
+    """A node with a context of its own, and its executor."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from rig_runtime.run import make_executor
+
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    user = setting.user
-    node = ConductorNode(
-        session,
-        wait_for_person=setting.port is not None,
-        skill=(lambda trial: user(trial).skill) if user is not None else None,
-        namespace=setting.namespace,
-        context=context,
-    )
+    node = make(context=context)
     executor = make_executor(context)
     executor.add_node(node)
-    abort = node.create_client(AbortTrial, topics.ABORT_SERVICE)
-    calls = {
-        key: (node.create_client(Trigger, name), Trigger.Request())
-        for key, name in (("p", topics.PAUSE_SERVICE), ("", topics.RESUME_SERVICE), ("r", topics.REPEAT_SERVICE))
-    } | {"a": (abort, AbortTrial.Request(reason="aborted by the operator"))}
     try:
-        with Interrupts() as interrupts:
-            while not node.over:
-                interrupts.check()
-                if graph.exit_code is not None:
-                    print(f"error: the graph ended before the session did:\n{graph.last_words()}", file=sys.stderr)
-                    return 1
-                executor.spin_once(timeout_sec=0.1)
-                line.show(node.progress())
-                while not keys.empty():
-                    client, request = calls.get(keys.get(), (None, None))
-                    if client is not None and client.service_is_ready():
-                        client.call_async(request)
-        line.show(node.progress(), last=True)
+        yield node, executor
     finally:
         executor.shutdown()
         node.destroy_node()
         context.try_shutdown()
-    return 0
 
 
+def _serve(executor: Any, graph: GraphProcess, done: Callable[[], bool], words: Callable[[], str]) -> bool:
+    """Until it is done, with a line that says how far it is; False if the graph ended before."""
+    line = Line()
+    with Interrupts() as interrupts:
+        while not done():
+            interrupts.check()
+            if graph.exit_code is not None:
+                return False
+            executor.spin_once(timeout_sec=0.1)
+            line.show(words())
+    line.show(words(), last=True)
+    return True
+
+
+def _linger(executor: Any) -> None:
+    """Until the pages have been told what begins."""
+    end = time.monotonic() + _FAREWELL
+    while time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.05)
+
+
+@cache
 def _keys() -> queue.SimpleQueue[str]:
     """What is typed, line by line, where somebody can type."""
     typed: queue.SimpleQueue[str] = queue.SimpleQueue()

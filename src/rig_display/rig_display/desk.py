@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from mig_interfaces.srv import AbortTrial, StartTrial
+from mig_interfaces.srv import AbortTrial, ChooseSession, StartTrial
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 
@@ -40,6 +40,7 @@ class GraphDesk:
                 ("repeat", topics.REPEAT_SERVICE),
             )
         }
+        self._chooser = node.create_client(ChooseSession, topics.CHOOSE_SERVICE)
         self._setter = node.create_client(SetParameters, f"{FILTER}/set_parameters")
         self._getter = node.create_client(GetParameters, f"{FILTER}/get_parameters")
 
@@ -60,6 +61,11 @@ class GraphDesk:
     def lead(self, what: str, done: Done) -> None:
         """`pause`, `resume` or `repeat` of the session's conductor."""
         self._ask(self._conductor[what], Trigger.Request(), done, lambda answer: (answer.success, answer.message))
+
+    def choose(self, protocol: str, subject: str, done: Done) -> None:
+        """`choose` of the conductor: whose session is led next."""
+        request = ChooseSession.Request(protocol=protocol, subject=subject)
+        self._ask(self._chooser, request, done, lambda answer: (answer.success, answer.message))
 
     def set_mode(self, mode: str, done: Done) -> None:
         """The filter's parameter `mode`."""

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from mig_interfaces.msg import FilterDecision, RecorderState, SessionState, TaskState, TrialState
+from mig_interfaces.msg import FilterDecision, RecorderState, SessionState, StudyChoices, TaskState, TrialState
 from rig_display.hand import Sample
 from rig_display.protocol import finite_or_none
 from rig_runtime.wire import MalformedError
@@ -36,6 +36,8 @@ class Feed:
         self.faults: dict[str, str] = {}
         #: How far the session is; None where none is led.
         self.session: dict[str, Any] | None = None
+        #: Whose session may be chosen; None where there is no choice.
+        self.choices: dict[str, Any] | None = None
         self.mode: str | None = None
         self.target: tuple[float, ...] = ()
         self._states: deque[list[Any]] = deque(maxlen=_DEPTH)
@@ -117,6 +119,9 @@ class Feed:
     def put_session(self, state: SessionState) -> None:
         """How far the session is."""
         self.session = {
+            # As a protocol is chosen: without the hash that tells its versions apart.
+            "study": state.protocol.rpartition("-")[0],
+            "subject": state.subject,
             "done": state.trials_done,
             "planned": state.trials_planned,
             "remaining": state.remaining.sec,
@@ -126,6 +131,25 @@ class Feed:
             "over": state.over,
             "doing": state.doing,
             "instructions": state.instructions,
+        }
+
+    def put_choices(self, choices: StudyChoices) -> None:
+        """Whose session may be chosen."""
+        self.choices = {
+            "message": choices.message,
+            "failed": choices.failed,
+            "subjects": [
+                {
+                    "protocol": each.protocol,
+                    "title": each.title,
+                    "subject": each.subject,
+                    "group": each.group,
+                    "done": each.trials_done,
+                    "planned": each.trials_planned,
+                    "problem": each.problem,
+                }
+                for each in choices.subjects
+            ],
         }
 
     def put_recorder(self, state: RecorderState) -> None:

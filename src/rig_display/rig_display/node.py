@@ -10,7 +10,15 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 
-from mig_interfaces.msg import FilterDecision, NodeReport, RecorderState, SessionState, TaskState, TrialState
+from mig_interfaces.msg import (
+    FilterDecision,
+    NodeReport,
+    RecorderState,
+    SessionState,
+    StudyChoices,
+    TaskState,
+    TrialState,
+)
 from rig_display.desk import GraphDesk
 from rig_display.feed import Feed
 from rig_display.gate import Gate
@@ -62,10 +70,12 @@ class DisplayNode(RigNode):
         self._publisher = self.loop_publisher(topics.WRENCH)
         self.loop_subscription(topics.TASK_STATE, self._on_state)
         self.loop_subscription(topics.DECISION, self._on_decision)
-        recorder = topics.RECORDER_STATE
-        self.create_subscription(recorder.type, recorder.name, self._on_recorder, recorder.qos)
-        session = topics.SESSION_STATE
-        self.create_subscription(session.type, session.name, self._on_session, session.qos)
+        for topic, take in (
+            (topics.RECORDER_STATE, self._on_recorder),
+            (topics.SESSION_STATE, self._on_session),
+            (topics.STUDY_CHOICES, self._on_choices),
+        ):
+            self.create_subscription(topic.type, topic.name, take, topic.qos)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self.create_timer(_WATCH_PERIOD, self._watch, clock=self.steady)
 
@@ -161,6 +171,10 @@ class DisplayNode(RigNode):
     def _on_session(self, state: SessionState) -> None:
         self.feed.put_session(state)
         self.server.call(self.seat.on_change)
+
+    def _on_choices(self, choices: StudyChoices) -> None:
+        self.feed.put_choices(choices)
+        self.server.call(self.seat.offer)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         home = self.get_namespace().rstrip("/") + "/"

@@ -101,12 +101,13 @@ _FIELDS: dict[str, dict[str, _Check]] = {
     },
     "abort": {"reason": _text(200)},
     "mode": {"mode": _one_of("off", "training", "assistance")},
+    "choose": {"protocol": _text(80), "subject": _text(80)},
     "session": {"do": _one_of("pause", "resume", "repeat")},
     "feedback": {"on": _flag},
 }
 
 #: Types that act on the graph: rarer, and limited more tightly.
-COMMANDS = frozenset({"drive", "leave", "release", "start", "abort", "mode", "session", "feedback"})
+COMMANDS = frozenset({"drive", "leave", "release", "start", "abort", "mode", "choose", "session", "feedback"})
 
 
 def parse(text: str) -> dict[str, Any]:

@@ -34,6 +34,8 @@ class Desk(Protocol):
 
     def lead(self, what: str, done: Done) -> None: ...
 
+    def choose(self, protocol: str, subject: str, done: Done) -> None: ...
+
 
 class Seat:
     """One driver's seat, and everyone around it.
@@ -79,6 +81,8 @@ class Seat:
         """A page has connected."""
         self.clients.append(client)
         client.send(self._describe())
+        if client.operator:
+            self._offer(client)
         self.on_change()
 
     def part(self, client: Client) -> None:
@@ -92,6 +96,17 @@ class Seat:
         """What a page needs of the task has changed."""
         for client in self.clients:
             client.send(self._describe())
+
+    def offer(self) -> None:
+        """Whose session may be chosen has changed: operators see it, since it is more than a status."""
+        for client in self.clients:
+            if client.operator:
+                self._offer(client)
+        self.on_change()
+
+    def _offer(self, client: Client) -> None:
+        if self.feed.choices is not None:
+            client.send({"type": "choices", **self.feed.choices})
 
     def close(self) -> None:
         """Nobody drives any more."""
@@ -192,6 +207,10 @@ class Seat:
         if self._in_charge(client, operator_only=True):
             self._desk.lead(message["do"], self._answer(client))
 
+    def _take_choose(self, client: Client, message: dict[str, Any]) -> None:
+        if self._in_charge(client, operator_only=True):
+            self._desk.choose(message["protocol"], message["subject"], self._answer(client))
+
     def _take_start(self, client: Client, message: dict[str, Any]) -> None:
         if not self._in_charge(client) or self._countdown is not None:
             return
@@ -217,6 +236,8 @@ class Seat:
             return "nobody drives: take control on the driver's page first"
         if self.feed.session is not None and not self.feed.session["over"]:
             return "a session is led here, and its conductor starts the trials: use Go on, Pause and Repeat"
+        if self.feed.choices is not None:
+            return "choose whose session is next; its conductor starts the trials"
         return "release the emergency stop first" if self._hand.stopped_by else ""
 
     def _in_charge(self, client: Client, operator_only: bool = False) -> bool:
@@ -259,6 +280,7 @@ class Seat:
             },
             "faults": [f"{node}: {message}" for node, message in self.feed.faults.items()],
             "session": self.feed.session,
+            "choosing": self.feed.choices is not None,
             "feedback": self.feedback,
             "mode": self.feed.mode,
             "recorder": self.feed.recorder,

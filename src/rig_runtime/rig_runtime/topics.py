@@ -19,6 +19,7 @@ from mig_interfaces.msg import (
     NodeReport,
     RecorderState,
     SessionState,
+    StudyChoices,
     TaskState,
     TrialState,
 )
@@ -87,6 +88,7 @@ END_EFFECTOR = Topic("admittance/end_effector", EndEffectorState, BASE_FRAME)
 TRIAL_STATE = Topic("trial/state", TrialState, qos=LATCHED_QOS)
 NODE_REPORT = Topic("trial/reports", NodeReport, qos=REPORT_QOS)
 SESSION_STATE = Topic("conductor/state", SessionState, qos=LATCHED_QOS)
+STUDY_CHOICES = Topic("conductor/choices", StudyChoices, qos=LATCHED_QOS)
 RECORDER_STATE = Topic("recorder/state", RecorderState, qos=LATCHED_QOS)
 
 #: For RViz and Foxglove: the task's picture and its state, a few times a second.
@@ -103,10 +105,11 @@ START_SERVICE = "trial/start"
 ABORT_SERVICE = "trial/abort"
 RESET_SERVICE = "trial/reset"
 
-#: Of the conductor of a session: the next trial waits; goes on; the last one again.
+#: Of the conductor of a session: the next trial waits; goes on; the last one again; whose session is next.
 PAUSE_SERVICE = "conductor/pause"
 RESUME_SERVICE = "conductor/resume"
 REPEAT_SERVICE = "conductor/repeat"
+CHOOSE_SERVICE = "conductor/choose"
 
 #: Where a fault that was kept (`recovery: explicit`) is cleared.
 CLEAR_FILTER_SERVICE = "mig_filter/clear_fault"

@@ -23,7 +23,9 @@ from mig_interfaces.msg import RecorderState, SessionState, TrialState
 from mig_interfaces.srv import StartTrial
 from rig_runtime import topics
 from rig_study.protocol import PlannedTrial
+from rig_study.reception import Reception
 from rig_study.session import Session
+from rig_study.studies import Choice, Studies
 
 __all__ = ["ConductorNode"]
 
@@ -42,6 +44,7 @@ class ConductorNode(Node):
     session: open; the conductor writes into it, and leaves closing to its owner.
     wait_for_person: before each trial wait for ``conductor/resume``, as after a pause.
     skill: of the simulated user in each trial, where a virtual subject is led through the session.
+    studies: what may be chosen in the place of this session, between two trials and after the last.
     kwargs: of ``rclpy.node.Node``.
     """
 
@@ -51,6 +54,7 @@ class ConductorNode(Node):
         *,
         wait_for_person: bool = False,
         skill: Callable[[PlannedTrial], float] | None = None,
+        studies: Studies | None = None,
         **kwargs: Any,
     ) -> None:
         super().__init__("conductor", **kwargs)
@@ -85,9 +89,15 @@ class ConductorNode(Node):
         state = topics.SESSION_STATE
         self._told = SessionState()
         self._teller = self.create_publisher(state.type, state.name, state.qos)
+        self._reception = None if studies is None else Reception(self, studies, self._engaged)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_PERIOD, self._go_on, clock=steady)
         self.create_timer(1.0, lambda: self._tell(force=True), clock=steady)
+
+    @property
+    def choice(self) -> Choice | None:
+        """Another session that an operator has chosen; this one then starts no more trials."""
+        return None if self._reception is None else self._reception.choice
 
     def progress(self) -> str:
         """One line for a person."""
@@ -118,8 +128,15 @@ class ConductorNode(Node):
         return message
 
     def _go_on(self) -> None:
-        self._step()
+        if self.choice is None:
+            self._step()
         self._tell()
+
+    def _engaged(self) -> str:
+        between = self.over or self._step in (self._next, self._breaking, self._ready)
+        if between and self._state.phase not in (TrialState.PHASE_ARMING, TrialState.PHASE_RUNNING):
+            return ""
+        return f"a trial is going on or being started; wait for its end, or call {topics.ABORT_SERVICE}"
 
     def _tell(self, force: bool = False) -> None:
         message = self.state()

@@ -16,7 +16,7 @@ from shared_control import yaml_text
 from shared_control.parameters import ParameterError, build, declarations, shown
 from shared_control.scenario import Scenario
 
-__all__ = ["DeclaredFile", "StudyError", "base_scenario", "load", "section", "sections"]
+__all__ = ["DeclaredFile", "StudyError", "base_scenario", "folders", "load", "section", "sections"]
 
 T = TypeVar("T")
 
@@ -66,6 +66,11 @@ def load(kind: str, name: str | os.PathLike[str], known: tuple[str, ...]) -> Dec
     return DeclaredFile(path, text, content)
 
 
+def folders(kind: str) -> list[Path]:
+    """Where files of a kind are found by their names."""
+    return [folder / kind for folder in science.folders()]
+
+
 def _find(kind: str, name: str | os.PathLike[str]) -> Path:
     with contextlib.suppress(OSError):  # of a name that is too long
         if Path(name).is_file():
@@ -74,9 +79,7 @@ def _find(kind: str, name: str | os.PathLike[str]) -> Path:
         return science.find(Path(kind) / name)
     except science.ScenarioError:
         pass
-    there: list[str] = []
-    for folder in {Path("config") / kind, Path(os.environ.get("RIG_ROOT", ".")) / "config" / kind}:
-        there += [path.stem for path in folder.glob("*.yaml")]
+    there = [path.stem for folder in folders(kind) for path in folder.glob("*.yaml")]
     listing = f"there are: {', '.join(sorted(set(there)))}" if there else "none is there"
     raise StudyError(f"{kind}: {shown(os.fspath(name))} is neither a file nor a name under config/{kind}; {listing}")
 

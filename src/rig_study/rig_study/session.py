@@ -20,7 +20,7 @@ from typing import Any
 from rig_study.declared import StudyError
 from rig_study.protocol import PlannedTrial, Protocol
 
-__all__ = ["LOG", "Progress", "Session", "events"]
+__all__ = ["LOG", "Progress", "Session", "events", "is_led"]
 
 LOG = "session.jsonl"
 
@@ -161,6 +161,18 @@ class Session:
         self._log.flush()
         os.fsync(self._log.fileno())
         progress.take(event)
+
+
+def is_led(folder: Path) -> bool:
+    """Whether a conductor has the session in this folder at the moment."""
+    try:
+        with (folder / LOG).open("rb") as log:
+            fcntl.flock(log, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except FileNotFoundError:
+        return False
+    return False
 
 
 def events(path: Path) -> Iterator[dict[str, Any]]:

@@ -8,13 +8,14 @@ from pathlib import Path
 
 from rig_study import cohort as cohorts
 from rig_study.commands import carry_out
-from rig_study.declared import StudyError
+from rig_study.declared import StudyError, folders
 from rig_study.progress import progress
 from rig_study.protocol import Protocol, load_protocol
 from rig_study.runs import Row, run, write_table
 from rig_study.session import LOG, Progress
+from rig_study.studies import Studies
 
-__all__ = ["add_run_options", "keep", "main", "sessions"]
+__all__ = ["add_run_options", "keep", "main", "sessions", "studies"]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -31,10 +32,14 @@ def parser() -> argparse.ArgumentParser:
         help="a subject's session on the live graph, trial by trial; a second call resumes it",
         description="Run a subject's session: start the graph, lead through the trials that are left, record each into "
         "a bag of its own. With Enter after each: p pauses after the trial, r repeats the last one, a aborts the "
-        "running one, Enter alone goes on. Ctrl-C ends the session; the same command resumes it.",
+        "running one, Enter alone goes on. Ctrl-C ends the session; the same command resumes it. With --display and "
+        "without --subject, the operator chooses on the page whose session is led, one after the other.",
     )
-    session.add_argument("protocol", help="path, or a name under config/protocols")
-    session.add_argument("--subject", required=True, help="as in S07")
+    session.add_argument(
+        "protocol", nargs="?", help="path, or a name under config/protocols; with --display all are offered if left out"
+    )
+    session.add_argument("--subject", help="as in S07; with --display it is chosen on the operator's page if left out")
+    session.add_argument("--protocols", type=Path, metavar="DIR", help="a folder whose protocols are offered too")
     session.add_argument("--out", type=Path, help="folder of the study's sessions (under runs/)")
     session.add_argument("--display", action="store_true", help="a person at the browser page, not the simulated user")
     session.add_argument("--port", type=int, default=8600, help="of the page, on this machine (%(default)s)")
@@ -109,6 +114,31 @@ def _plan(options: argparse.Namespace) -> int:
 
 def _no_graph(_: argparse.Namespace) -> int:
     raise StudyError("a session needs the graph; start it with ./rig study run")
+
+
+def studies(options: argparse.Namespace) -> Studies:
+    """What `study run --display` lets the operator choose from.
+
+    Raises
+    ------
+    StudyError: there is nothing to choose from, or no page to choose on.
+    """
+    if not options.display:
+        raise StudyError(
+            "study run: a protocol and --subject are needed, as in: ./rig study run demo --subject S07; with --display "
+            "the operator can choose them on the page"
+        )
+    if options.protocol is not None:
+        protocol = load_protocol(options.protocol)
+        folder = sessions(options, protocol).resolve()
+        return Studies([protocol.file.path], lambda _: folder)
+    sources = folders("protocols")
+    if options.protocols is not None:
+        if not options.protocols.is_dir():
+            raise StudyError(f"--protocols {options.protocols}: is no folder")
+        sources.append(options.protocols)
+    root = (options.out or Path("runs")).resolve()
+    return Studies(sources, lambda name: root / f"study_{name}")
 
 
 def sessions(options: argparse.Namespace, protocol: Protocol) -> Path:

@@ -25,7 +25,7 @@ from shared_control.parameters import ParameterError, build, declarations, param
 from shared_control.tasks.task import SAMPLE_TIME, Robot, Task
 from shared_control.users import UserConfig, presets
 
-__all__ = ["LoopConfig", "Scenario", "ScenarioError", "TaskConfig", "check", "find", "load"]
+__all__ = ["LoopConfig", "Scenario", "ScenarioError", "TaskConfig", "check", "find", "folders", "load"]
 
 #: Parameters that every ROS node has by itself; a file may set them, they are none of ours.
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -148,8 +148,8 @@ class Scenario:
     task: TaskConfig = dataclasses.field(default_factory=TaskConfig)
 
 
-def _folders() -> list[Path]:
-    """Where scenarios are looked for, in order."""
+def folders() -> list[Path]:
+    """Where scenarios are looked for by their names, in order: SHARED_CONTROL_CONFIG alone, where it is set."""
     named = os.environ.get("SHARED_CONTROL_CONFIG")
     beside_sources = Path(__file__).resolve().parents[3] / "config"
     return [Path(named)] if named else [Path("config"), beside_sources]
@@ -166,13 +166,13 @@ def find(name: str | os.PathLike[str]) -> Path:
     if not given.name or "\0" in str(given) or max(map(len, given.parts)) > _LONGEST_NAME:
         raise ScenarioError(f"scenario {shown(os.fspath(name))} is not the name of a file")
     for path in (given, given.with_name(given.name + ".yaml")):
-        for candidate in [path] if path.is_absolute() else [path, *(folder / path for folder in _folders())]:
+        for candidate in [path] if path.is_absolute() else [path, *(folder / path for folder in folders())]:
             if candidate.is_file():
                 return candidate
-    there = sorted({path.name for folder in _folders() if folder.is_dir() for path in folder.glob("*.yaml")})
+    there = sorted({path.name for folder in folders() if folder.is_dir() for path in folder.glob("*.yaml")})
     near = difflib.get_close_matches(given.stem, [path.removesuffix(".yaml") for path in there], n=1)
     hint = f"did you mean {near[0]}.yaml? " if near else ""
-    listing = "there are: " + ", ".join(there) if there else "there are none in " + ", ".join(map(str, _folders()))
+    listing = "there are: " + ", ".join(there) if there else "there are none in " + ", ".join(map(str, folders()))
     raise ScenarioError(f"scenario {shown(os.fspath(name))} not found; {hint}{listing}")
 
 

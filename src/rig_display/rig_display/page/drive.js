@@ -89,6 +89,7 @@ function next() {
   if (countdown !== null) return { title: "", text: "", count: Math.ceil(countdown) };
   if (trial.phase === "arming") return { title: "Getting ready", text: trial.message };
   if (trial.phase === "running") return { title: "", text: "" };
+  if (status.choosing && status.session === null) return { title: "Welcome", text: "Your session begins soon." };
   if (status.session?.over) return { title: "Done", text: "That was the last trial. Thank you." };
   if (status.session?.instructions) return { title: "Next", text: status.session.instructions };
   const [title, text] = {

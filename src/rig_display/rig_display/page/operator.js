@@ -1,6 +1,7 @@
 // The operator's page: trials, the filter, how everything is.
 
 import { Surface } from "./canvas.js";
+import { Choosing } from "./choose.js";
 import { Link } from "./link.js";
 import { Playback } from "./playback.js";
 import { Plot } from "./plot.js";
@@ -10,6 +11,7 @@ import { VERDICTS, onStopKey, outcome, where } from "./words.js";
 const $ = (id) => document.getElementById(id);
 const MODES = ["off", "training", "assistance"];
 const link = new Link("operator");
+const choosing = new Choosing(link);
 const view = new Surface($("view"));
 const plots = {
   force: new Plot($("force"), [{ dots: VERDICTS }], 20),
@@ -58,6 +60,11 @@ link.addEventListener("status", ({ detail }) => {
   status = detail;
   show();
 });
+link.addEventListener("choices", ({ detail }) => {
+  choosing.offer(detail);
+  show();
+});
+link.addEventListener("open", () => ($("note").textContent = ""));
 link.addEventListener("note", ({ detail }) => {
   $("note").textContent = detail.text;
   $("note").className = `note ${detail.good ? "quiet" : "warn"}`;
@@ -71,7 +78,7 @@ link.addEventListener("stopping", () => show());
 function phase() {
   const silent = "the rig does not answer";
   if (link.stopping && !link.open) return [`stop NOT delivered: ${silent}; it is sent as soon as the link is back`, true];
-  if (status === null) return [silent, true];
+  if (status === null) return choosing.beginning ? [choosing.beginning, false] : [silent, true];
   const { trial, countdown, hand, faults } = status;
   if (hand.stopped) return [`stopped by ${hand.stopped}`, true];
   if (faults.length) return [`no force: ${faults.join("; ")}`, true];
@@ -92,6 +99,7 @@ function show() {
   $("how").className = bad ? "warn" : "quiet";
   // What is not known any more is not shown, and what would not arrive cannot be pressed; a stop can.
   for (const each of document.querySelectorAll("aside button, aside input")) each.disabled = status === null;
+  choosing.show(status);
   if (status === null) {
     $("stop").firstChild.textContent = "Stop ";
     table($("link"), [["rig", "does not answer", true]]);
@@ -104,15 +112,17 @@ function show() {
   const going = ["arming", "running"].includes(trial.phase) || status.countdown !== null;
   const { session } = status;
   const led = session !== null && !session.over;
-  $("start").disabled = going || driver === null || Boolean(hand.stopped) || led;
+  $("start").disabled = going || driver === null || Boolean(hand.stopped);
   $("abort").disabled = !going;
   $("session").hidden = session === null;
   // Its conductor names, starts and sets everything.
-  for (const id of ["subject", "group", "set", "number", "duration", ...MODES]) $(id).disabled = led;
+  const conducted = led || status.choosing;
+  $("byHand").hidden = $("start").hidden = conducted;
+  for (const mode of MODES) $(mode).disabled = conducted;
   if (session !== null) {
     const minutes = (session.remaining / 60).toFixed(1);
     $("progress").textContent =
-      `${session.done} of ${session.planned} trials, ${minutes} min left. ${session.set} ${session.trial}: ${session.doing}`;
+      `${session.subject}: ${session.done} of ${session.planned} trials, ${minutes} min left. ${session.set} ${session.trial}: ${session.doing}`;
     $("resume").disabled = !session.waiting || driver === null;
     $("pause").disabled = session.waiting || session.over;
     $("repeat").disabled = !session.waiting || session.done === 0;

@@ -18,7 +18,7 @@ export function outcome(code) {
 // Emergency stop by key: Esc everywhere, the space bar where one does not type.
 export function onStopKey(stop) {
   addEventListener("keydown", (event) => {
-    const typing = event.target.tagName === "INPUT";
+    const typing = ["INPUT", "SELECT"].includes(event.target.tagName);
     if (event.code !== "Escape" && (event.code !== "Space" || typing)) return;
     event.preventDefault();
     stop();
