@@ -51,7 +51,14 @@ def start(command: list[str], watch: Watch) -> Started:
     heard: list[float] = []
     watch(observer, lambda _: heard.append(time.monotonic()))
     begin = time.monotonic()
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    process = subprocess.Popen(
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
     try:
         wait_until(lambda: bool(heard) or process.poll() is not None, executor, LIMIT)
         if not heard:
@@ -60,7 +67,7 @@ def start(command: list[str], watch: Watch) -> Started:
         return Started(heard[0] - begin, _proportional(process.pid))
     finally:
         if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+            os.killpg(process.pid, signal.SIGINT)  # `ros2 run` passes no signal on to the node behind it
         process.communicate()
         executor.shutdown()
         observer.destroy_node()

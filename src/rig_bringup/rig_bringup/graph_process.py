@@ -58,7 +58,8 @@ class GraphProcess:
         was = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             if self._process.poll() is None:
-                self._process.send_signal(signal.SIGINT)
+                # As Ctrl-C does it: `ros2 run` passes no signal on to the node behind it.
+                self.send_all(signal.SIGINT)
                 try:
                     self._process.wait(_PATIENCE)
                 except subprocess.TimeoutExpired:
