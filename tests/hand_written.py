@@ -44,6 +44,7 @@ def write(path: Path, ticks: int, pacing: int = TrialState.PACING_REALTIME, **st
             decision.criterion = 1.0 if rejected else -1.0
             decision.user_control, decision.applied_control = [2.0], [0.0 if rejected else 2.0]
             decision.nominal_control = [0.0]
+            decision.user_force.x = 4.0
             motion = EndEffectorState(tick=tick)
             if pacing == TrialState.PACING_REALTIME:
                 # [s] after t_k: the state is out at 30e-6, judged from 70e-6 on, the motion 200e-6 and back at 300e-6.

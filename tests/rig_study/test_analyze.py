@@ -17,7 +17,9 @@ from rig_study import study_cli, study_statistics
 from rig_study.analyze_cli import main
 from rig_study.declared import StudyError
 from rig_study.power import power, sizes_for
+from rig_study.recorded import load
 from rig_study.statistics_anova import cells
+from rig_study.study_figures import Example, example
 from rig_study.study_statistics import compute
 from rig_study.tables import subjects
 
@@ -103,6 +105,18 @@ def test_bags_that_cannot_be_used_are_listed(tmp_path: Path, capsys: pytest.Capt
     assert main([str(tmp_path / "bags" / "short"), "--out", str(tmp_path / "none")]) == 1
     assert main([str(tmp_path / "nowhere"), "--out", str(tmp_path / "none")]) == 2
     assert "there is no such file" in capsys.readouterr().err
+
+
+def test_the_example_shows_the_force_and_how_much_of_it_was_allowed(tmp_path: Path) -> None:
+    shown = Example.recorded(load(write(tmp_path / "bag", 400)))
+    assert shown.force.tolist() == [[4.0, 0.0, 0.0]] * 400
+    force, state = example(shown).axes
+    assert force.get_ylabel() == "force of the user, x\n[N]"
+    assert state.get_ylabel() == "theta\n[rad]"
+    (filled,) = force.collections
+    areas = [np.ptp(path.vertices[:, 0]) * np.ptp(path.vertices[:, 1]) for path in filled.get_paths()]
+    # Three ticks of four, each 10 ms of 4 N.
+    assert (len(areas), sum(areas)) == (100, pytest.approx(300 * 0.01 * 4.0))
 
 
 def test_power_grows_and_the_null_is_found_at_the_level() -> None:

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 VERDICT_COLOURS = ("#009E73", "#D55E00", "#0072B2")
 SUCCESS = "#B8E2C8"
+ALLOWED = "#E69F00"
 LINES = ("#222222", "#0072B2", "#D55E00", "#CC79A7", "#009E73")
 WIDTH = 11.0  # [in]
 

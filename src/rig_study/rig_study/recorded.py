@@ -37,7 +37,8 @@ class RecordedTrial:
     Attributes
     ----------
     trial: the last TrialState (names and units of states and controls, seed, subject, ...).
-    time: (N,) [s]. states: (N, n). user_control, applied_control: (N, m). verdict, reason, mode: (N,).
+    time: (N,) [s]. states: (N, n). user_force: (N, 3) [N]. user_control, applied_control: (N, m).
+    verdict, reason, mode: (N,).
     criterion: (N,), NaN where it was not evaluated. compute_time: (N,) [s], zero in lockstep.
     in_success_region: (N,) bool. held: (N,) bool. received: (N,) [ns] when the recorder got the decision.
     hops: of :func:`rig_study.hops.hops`, (N,) [s] each; empty in lockstep, and of a bag from before there were any.
@@ -49,6 +50,7 @@ class RecordedTrial:
     states: Array
     in_success_region: Array
     held: Array
+    user_force: Array
     user_control: Array
     applied_control: Array
     verdict: Array
@@ -80,7 +82,17 @@ class RecordedTrial:
 #: The fields that are needed here; a bag of another version of the messages may lack some.
 _OF_STATE = ("tick", "time", "state", "in_success_region", "held")
 _OF_CONTROL = ("user_control", "applied_control")
-_OF_DECISION = ("tick", *_OF_CONTROL, "verdict", "reason", "mode", "criterion", "compute_time", "state_age")
+_OF_DECISION = (
+    "tick",
+    "user_force",
+    *_OF_CONTROL,
+    "verdict",
+    "reason",
+    "mode",
+    "criterion",
+    "compute_time",
+    "state_age",
+)
 _OF_TRIAL = ("phase", "message", "task", "pacing", "sample_time", "scenario", "seed")
 
 
@@ -110,6 +122,7 @@ def load(bag: str | Path) -> RecordedTrial:
         states=state["state"],
         in_success_region=state["in_success_region"].astype(bool),
         held=state["held"].astype(bool),
+        user_force=joined["user_force"],
         user_control=joined["user_control"],
         applied_control=joined["applied_control"],
         verdict=joined["verdict"],

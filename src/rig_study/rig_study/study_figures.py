@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from rig_study.figure_style import LINES, SUCCESS, VERDICT_COLOURS, WIDTH, axes, label, plain, row, spans, wrapped
+from rig_study.figure_style import ALLOWED, LINES, SUCCESS, WIDTH, axes, label, plain, row, spans, wrapped
 from rig_study.recorded import RecordedTrial
 from rig_study.study_statistics import MEASURES
 from shared_control import tasks
@@ -209,20 +210,20 @@ class Example:
     """What is drawn of one trial, recorded or headless: N ticks."""
 
     time: np.ndarray  # (N,) [s]
-    control: np.ndarray  # (N,) the user's first
+    force: np.ndarray  # (N, 3) [N] the user's
     accepted: np.ndarray  # (N,) bool
     state: np.ndarray  # (N,) the first
     success: np.ndarray  # (N,) bool: in the success region
-    names: tuple[str, str]  # of control and state
-    units: tuple[str, str]
+    name: str  # of the state
+    unit: str
 
     @classmethod
     def recorded(cls, trial: RecordedTrial) -> Example:
         """From a bag."""
         known = trial.trial
         return cls(
-            trial.time, trial.user_control[:, 0], trial.verdict == 0, trial.states[:, 0], trial.in_success_region,
-            (known.control_names[0], known.state_names[0]), (known.control_units[0], known.state_units[0]),
+            trial.time, trial.user_force, trial.verdict == 0, trial.states[:, 0], trial.in_success_region,
+            known.state_names[0], known.state_units[0],
         )  # fmt: skip
 
     @classmethod
@@ -230,31 +231,42 @@ class Example:
         """From a run without the graph."""
         inside = np.array([task.success_region(x) for x in trial.states[:-1]])
         return cls(
-            trial.time, trial.user_control[:, 0], trial.verdict == 0, trial.states[:-1, 0], inside,
-            (task.control_names[0], task.state_names[0]), (task.control_units[0], task.state_units[0]),
+            trial.time, trial.user_force, trial.verdict == 0, trial.states[:-1, 0], inside,
+            task.state_names[0], task.state_units[0],
         )  # fmt: skip
 
 
 def example(trial: Example) -> Figure:
-    """The user's control with what was allowed marked, and the first state with the success region in green."""
-    figure, (top, bottom) = axes(2, 2.2)
-    top.step(trial.time, trial.control, where="post", color="#999999", lw=0.7, label="user, not allowed")
-    allowed = np.where(trial.accepted, trial.control, np.nan)
-    top.step(trial.time, allowed, where="post", color=VERDICT_COLOURS[2], lw=1.6, label="user, allowed")
-    label(top, trial.names[0].replace("_", " "), trial.units[0])
+    """The user's force, what was allowed of it marked, and the first state with the success region in green."""
+    pushed = [k for k in range(3) if np.any(trial.force[:, k])] or [0]
+    figure, panels = axes(len(pushed) + 1, 2.2)
+    for ax, k in zip(panels, pushed, strict=False):
+        _force(ax, trial, k)
+        label(ax, f"force of the user, {'xyz'[k]}", "N")
+    bottom = panels[-1]
     sample = trial.time[1] - trial.time[0] if len(trial.time) > 1 else 0.0
     for first, last in spans(trial.success):
         bottom.axvspan(trial.time[first], trial.time[last - 1] + sample, color=SUCCESS, lw=0)
-    angle = trial.units[1] == "rad"
+    angle = trial.unit == "rad"
     bottom.plot(trial.time, wrapped(trial.state) if angle else trial.state, color=LINES[0], lw=1.2)
     if angle:
         bottom.set_ylim(-3.4, 3.4)
         bottom.set_yticks([-np.pi, 0.0, np.pi], ["-\u03c0", "0", "\u03c0"])
-    label(bottom, trial.names[1], trial.units[1])
+    label(bottom, trial.name, trial.unit)
     bottom.set_xlabel("trial time [s]")
-    for ax in (top, bottom):
+    for ax in panels:
         ax.margins(x=0.0)
-    handles, labels = top.get_legend_handles_labels()
+    handles, labels = panels[0].get_legend_handles_labels()
     handles.append(Patch(color=SUCCESS))
     figure.legend(handles, [*labels, "in the success region"], loc="outside upper right", ncols=3, frameon=False)
     return figure
+
+
+def _force(ax: Axes, trial: Example, axis: int) -> None:
+    """One axis of it, each tick's held to the next; allowed ticks filled down to zero."""
+    sample = trial.time[1] - trial.time[0] if len(trial.time) > 1 else 0.0
+    # Both ends of each tick, so that one that stands alone is as wide as it lasts.
+    time = np.repeat(np.append(trial.time, trial.time[-1] + sample), 2)[1:-1]
+    force = np.repeat(trial.force[:, axis], 2)
+    ax.fill_between(time, force, where=np.repeat(trial.accepted, 2), color=ALLOWED, lw=0, label="allowed")
+    ax.plot(time, force, color=LINES[0], lw=0.5, label="force of the user")

@@ -49,7 +49,7 @@ def write(gathered: Gathered, statistics: Mapping[str, Any], out: Path) -> Path:
     shown = _example(gathered)
     if shown is not None:
         name, figure = shown
-        caption = f"Trial {name}. Above: the user's control, what the filter allowed marked. Below: success in green."
+        caption = f"Trial {name}. Above: the user's force, what the filter allowed filled. Below: success in green."
         parts.append(_figure(figure, out, "example_trial", "An example", caption))
     parts.append(f"<h2>Trials left out</h2><p class='note'>{html.escape(statistics['rule'])}</p>")
     parts.append(_table(("trial", "why"), gathered.left_out) if gathered.left_out else "<p>None.</p>")
