@@ -33,6 +33,16 @@ MCCARTHY = [
     [118, 125, 125, 116], [110, 107, 96, 91], [129, 128, 123, 128], [90, 84, 101, 113],
     [84, 104, 100, 88], [96, 100, 103, 105], [105, 114, 105, 112], [113, 117, 132, 130],
 ]  # fmt: skip
+# Henderson and Velleman, Biometrics 37, 1981: miles per gallon of cars that shift by themselves, and of the others.
+AUTOMATIC = [
+    21.4, 18.7, 18.1, 14.3, 24.4, 22.8, 19.2, 17.8, 16.4, 17.3, 15.2, 10.4, 10.4, 14.7, 21.5, 15.5, 15.2, 13.3, 19.2,
+]  # fmt: skip
+MANUAL = [21.0, 21.0, 22.8, 32.4, 30.4, 33.9, 27.3, 26.0, 30.4, 15.8, 19.7, 15.0, 21.4]
+# Benjamini and Hochberg, Journal of the Royal Statistical Society B 57, 1995, section 3.2: fifteen p-values of one
+# clinical trial, of which methods that control the familywise error reject three.
+THROMBOLYSIS = [
+    0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262, 0.5719, 0.6528, 0.7590, 1.0,
+]  # fmt: skip
 
 
 def frame(values: Any, groups: list[str]) -> pd.DataFrame:
@@ -101,6 +111,20 @@ def test_the_interval_of_d_holds_by_its_definition(t: float) -> None:
     assert (below(low), below(high)) == (pytest.approx(0.975, abs=1e-6), pytest.approx(0.025, abs=1e-6))
 
 
+def test_the_interval_of_d_of_cars() -> None:
+    """-1.48 (-2.27 to -0.67): Ben-Shachar, Luedecke, Makowski, Journal of Open Source Software 5(56), 2020."""
+    from statsmodels.stats.power import TTestIndPower
+
+    found = statistics.two_sample_t(AUTOMATIC, MANUAL)
+    assert (found.d, found.d_low, found.d_high) == pytest.approx((-1.48, -2.27, -0.67), abs=5e-3)
+    # By another library: at each limit, a t as far out as the one found has half of 5 % left.
+    t = stats.ttest_ind(AUTOMATIC, MANUAL).statistic
+    for limit, side in ((found.d_high, "smaller"), (found.d_low, "larger")):
+        alpha = stats.t.cdf(t, 30) if side == "smaller" else stats.t.sf(t, 30)
+        left = TTestIndPower().power(limit, 19, alpha, ratio=13 / 19, alternative=side)
+        assert left == pytest.approx(0.025, abs=1e-6)
+
+
 def test_mixed_anova_of_winer() -> None:
     found = mixed_anova(cells(frame(WINER, ["a"] * 3 + ["b"] * 3), "y", [f"set{j}" for j in range(4)]))
     group, within, interaction = found.effects
@@ -130,6 +154,7 @@ def test_two_libraries_agree_on_groups_of_unequal_size(sets: int) -> None:
     mixed, factorial = mixed_anova(data), factorial_anova(data)
     theirs = pingouin.mixed_anova(data=table, dv="y", within="level", subject="subject", between="group")
     assert [row.f for row in mixed.effects] == pytest.approx(list(theirs["F"]), rel=1e-9)
+    assert [row.eta for row in mixed.effects] == pytest.approx(list(theirs["np2"]), rel=1e-9)
     # Nested linear models: with subjects, then set, then its interaction with group.
     subjects = pd.get_dummies(table["subject"], dtype=float).to_numpy()
     level = pd.get_dummies(table["level"], dtype=float).to_numpy()[:, 1:]
@@ -183,6 +208,16 @@ def test_the_interval_of_eta_holds_by_its_definition() -> None:
     assert eta_interval(0.1, 1, 26)[0] == 0.0
 
 
+def test_the_interval_of_eta_of_steiger() -> None:
+    """F(3, 76) = 5 has noncentralities from 1.8666 to 32.563: Steiger, Psychological Methods 9, 2004, example 3."""
+    from statsmodels.stats.oneway import confint_noncentrality
+
+    low, high = eta_interval(5.0, 3, 76)
+    noncentral = 80 * low / (1 - low), 80 * high / (1 - high)
+    assert noncentral == (pytest.approx(1.8666, abs=1e-4), pytest.approx(32.563, abs=1e-3))
+    assert noncentral == pytest.approx(tuple(confint_noncentrality(5.0, (3, 76))), rel=1e-4)
+
+
 def test_normality_of_shapiro_and_wilk() -> None:
     assert statistics.normality(WEIGHTS) == (pytest.approx(0.79, abs=5e-3), pytest.approx(0.0067, abs=1e-4))
     assert math.isnan(statistics.normality([1.0, 1.0, 1.0, 1.0])[0])
@@ -203,6 +238,16 @@ def test_holm_by_hand_and_by_another_library() -> None:
     assert statistics.holm(p) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert statistics.holm(p) == pytest.approx(list(importlib.import_module("pingouin").multicomp(p, method="holm")[1]))
     assert statistics.holm([]) == []
+
+
+def test_holm_of_benjamini_and_hochbergs_trial() -> None:
+    found = statistics.holm(THROMBOLYSIS)
+    assert sum(p <= 0.05 for p in found) == 3
+    # By hand: times 15, 14, 13, ..., and never less than the one before.
+    assert found[:8] == pytest.approx([0.0015, 0.0056, 0.0247, 0.114, 0.2211, 0.278, 0.278, 0.278])
+    assert found[8:] == pytest.approx([0.3213, *[1.0] * 6])
+    pingouin = importlib.import_module("pingouin")
+    assert found == pytest.approx(list(pingouin.multicomp(THROMBOLYSIS, method="holm")[1]))
 
 
 def test_missing_cells_are_named() -> None:
