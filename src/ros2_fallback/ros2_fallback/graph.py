@@ -1,8 +1,9 @@
 """A short-lived node that looks at the graph, and what a command may ask it.
 
 There is no daemon that has been watching, so each command discovers the graph afresh: it looks until the graph has not
-changed for :data:`QUIET`, at most for :data:`LIMIT`; a graph in which nobody else has been seen is given all of that
-time. ``--spin-time`` replaces this by a fixed time, as in ros2cli without its daemon.
+changed for a while, at most for :data:`LIMIT`; a graph in which nobody else has been seen is given all of that time.
+The while is :data:`QUIET`, and up to :data:`QUIET_MOST` where the machine is busy, where the nodes turned up one by one,
+or where something is known to be missing. ``--spin-time`` replaces this by a fixed time, as in ros2cli without its daemon.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from rclpy.context import Context
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.expand_topic_name import expand_topic_name
+from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import Parameter
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from rclpy.validate_full_topic_name import validate_full_topic_name
@@ -41,12 +43,19 @@ __all__ = [
 QUIET = 0.5
 #: [s] likewise for one topic that has been found, whose other publishers may still be missing
 QUIET_TOPIC = 0.2
+#: [s] and for no longer than that, however busy the machine, and whatever seems to be missing
+QUIET_MOST = 2.5
+#: so many times the longest pause between two changes must have passed since the last
+PAUSES = 2.0
 #: [s] and in any case after so long: more than the 3 s after which a participant of Fast DDS announces itself again
 LIMIT = 5.0
 #: [s] between two looks at the graph
 PERIOD = 0.1
 
 _parameter: Any = Parameter  # untyped in rclpy
+
+#: Of an endpoint whose participant is a ROS node's that has not introduced itself yet (rmw_dds_common).
+NODE_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 #: What rclpy raises for a name of a topic or a service that is none.
 NAME_ERRORS = (ValueError, NameValidationException)
@@ -59,7 +68,7 @@ def add_graph_arguments(parser: argparse.ArgumentParser) -> None:
         "--spin-time",
         type=positive_float,
         metavar="S",
-        help=f"seconds to wait for discovery (default: until the graph is quiet for {QUIET} s, at most {LIMIT} s)",
+        help=f"seconds to wait for discovery (default: until the graph has been quiet, at most {LIMIT} s)",
     )
     parser.add_argument("-s", "--use-sim-time", action="store_true", help="use ROS simulation time")
     parser.add_argument("--no-daemon", action="store_true", help="accepted for compatibility: there is no daemon")
@@ -140,7 +149,7 @@ class Graph:
             Whether it was found.
         """
         # Time counts only as far as this process gets to look, so that a busy machine is given longer.
-        elapsed = changed = 0.0
+        elapsed = changed = pause = 0.0
         last = time.monotonic()
         seen: object = None
         while True:
@@ -154,9 +163,10 @@ class Graph:
             else:
                 current = self._snapshot()
                 if current != seen:
+                    pause = max(pause, elapsed - changed)
                     seen, changed = current, elapsed
                 there = self._others() if found is None else found()
-                if there and elapsed - changed >= quiet:
+                if there and elapsed - changed >= self._quiet(quiet, pause):
                     return True
                 if elapsed >= LIMIT + (0.0 if there else extra):
                     return found is None or there
@@ -168,6 +178,30 @@ class Graph:
             sorted(self.node.get_node_names_and_namespaces()),
             sorted((n, t, self.node.count_publishers(n), self.node.count_subscribers(n)) for n, t in topics),
             sorted(self.node.get_service_names_and_types()),
+        )
+
+    def _quiet(self, quiet: float, pause: float) -> float:
+        """How long [s] the graph must be quiet that on an idle machine must be so for `quiet`."""
+        if quiet == 0.0:
+            return 0.0
+        if not self._whole():
+            return QUIET_MOST
+        # Where several want each processor, the nodes too answer so much later.
+        crowd = os.getloadavg()[0] / len(os.sched_getaffinity(0))
+        return min(max(quiet * max(crowd, 1.0), PAUSES * pause), QUIET_MOST)
+
+    def _whole(self) -> bool:
+        """Whether each node has endpoints (it publishes its log at least) and each endpoint a node."""
+        nodes = self.node.get_node_names_and_namespaces()
+        try:
+            if not all(self.node.get_publisher_names_and_types_by_node(*node) for node in nodes):
+                return False
+        except NodeNameNonExistentError:  # gone meanwhile
+            return False
+        topics = self.node.get_topic_names_and_types()
+        look = (self.node.get_publishers_info_by_topic, self.node.get_subscriptions_info_by_topic)
+        return not any(
+            endpoint.node_name == NODE_UNKNOWN for topic, _ in topics for ask in look for endpoint in ask(topic)
         )
 
     def _others(self) -> bool:
