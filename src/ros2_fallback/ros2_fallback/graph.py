@@ -2,8 +2,9 @@
 
 There is no daemon that has been watching, so each command discovers the graph afresh: it looks until the graph has not
 changed for a while, at most for :data:`LIMIT`; a graph in which nobody else has been seen is given all of that time.
-The while is :data:`QUIET`, and up to :data:`QUIET_MOST` where the machine is busy, where the nodes turned up one by one,
-or where something is known to be missing. ``--spin-time`` replaces this by a fixed time, as in ros2cli without its daemon.
+The while is :data:`QUIET`, and up to :data:`QUIET_MOST` where the machine is busy, where the nodes turned up one by
+one, or where something is known to be missing. ``--spin-time`` replaces this by a fixed time, as in ros2cli without its
+daemon.
 """
 
 from __future__ import annotations
