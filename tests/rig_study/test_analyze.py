@@ -16,7 +16,7 @@ from mig_interfaces.msg import TrialState
 from rig_study import study_cli, study_statistics
 from rig_study.analyze_cli import main
 from rig_study.declared import StudyError
-from rig_study.power import power, sizes_for
+from rig_study.power import needed, power, sizes_for
 from rig_study.recorded import load
 from rig_study.statistics_anova import cells
 from rig_study.study_figures import Example, example
@@ -100,6 +100,13 @@ def test_bags_that_cannot_be_used_are_listed(tmp_path: Path, capsys: pytest.Capt
     assert "left out: cut" in capsys.readouterr().err
     page = (tmp_path / "out" / "report.html").read_text()
     assert all(name in page for name in reasons)
+    # Again from elsewhere, with the bags under another path: the same bytes, reasons included.
+    (tmp_path / "bags").rename(tmp_path / "moved")
+    assert main([str(tmp_path / "moved"), "--out", str(tmp_path / "again")]) == 0
+    for file in (path for path in (tmp_path / "out").rglob("*") if path.is_file()):
+        assert file.read_bytes() == (tmp_path / "again" / file.relative_to(tmp_path / "out")).read_bytes(), file
+    (tmp_path / "moved").rename(tmp_path / "bags")
+    capsys.readouterr()
     row = pd.read_parquet(tmp_path / "out" / "trials.parquet").set_index("name").loc["good"]
     assert (row["subject"], row["success"], row["time_to_success"]) == ("S01", True, 1.0)
     assert main([str(tmp_path / "bags" / "short"), "--out", str(tmp_path / "none")]) == 1
@@ -138,10 +145,26 @@ def test_power_grows_and_the_null_is_found_at_the_level() -> None:
         sizes_for(3, [1, 1])
 
 
+def test_how_many_subjects_are_needed() -> None:
+    random = np.random.default_rng(4)
+    pilot = {name: random.standard_normal(400) for name in ("a", "b")}
+    found = needed(pilot, 0.8, effect=0.8, cohorts=4000)
+    # Cohen, Statistical Power Analysis for the Behavioral Sciences, 1988, table 2.4.1: 26 in each group for d = 0.8.
+    assert found.low <= 52 <= found.high
+    assert found.low <= found.subjects <= found.high < found.low + 8
+    assert power(pilot, [found.subjects], effect=0.8, cohorts=4000)[0].rate >= 0.8
+    assert needed(pilot, 0.8, effect=8.0, cohorts=500).subjects <= 6
+    assert needed(pilot, 0.8, effect=0.0, cohorts=500, most=100) is None
+    with pytest.raises(StudyError, match="between 0 and 1"):
+        needed(pilot, 1.0, effect=0.8)
+
+
 def test_the_study_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cohort(0.05).to_parquet(tmp_path / "trials.parquet")
     assert study_cli.main(["power", str(tmp_path), "--subjects", "28", "--effect", "0.8", "--cohorts", "200"]) == 0
-    assert "10 control + 18 training" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "10 control + 18 training" in said
+    assert "to find it 0.8 of the time: " in said
     assert study_cli.main(["power", str(tmp_path), "--measure", "speed"]) == 2
     assert "'speed' is not there" in capsys.readouterr().err
     assert study_cli.main(["plan", "demo", "--subject", "S01"]) == 0

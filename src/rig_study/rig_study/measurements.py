@@ -26,7 +26,7 @@ from rig_study.cohort import load_cohort
 from rig_study.figure_style import save
 from rig_study.null_cohorts import false_positives
 from rig_study.paper_rows import paper_rows
-from rig_study.power import changes, power
+from rig_study.power import changes, needed, power
 from rig_study.protocol import Protocol, load_protocol
 from rig_study.results_page import Row
 from rig_study.runs import Job, write_table
@@ -149,9 +149,11 @@ def _null(options: Options, _: Sequence[Trial]) -> list[Row]:
 
 
 def _power(_: Options, trials: Sequence[Trial]) -> list[Row]:
-    pilot = cells(subjects(pd.DataFrame(trials)), "rms_error", ("set1", "set3"))
-    rows = power(changes(pilot), [28, 56, 84], effect=0.8)
+    pilot = changes(cells(subjects(pd.DataFrame(trials)), "rms_error", ("set1", "set3")))
+    rows, enough = power(pilot, [28, 56, 84], effect=0.8), needed(pilot, 0.8, effect=0.8)
     said = "; ".join(f"{row.subjects} subjects {row.rate:.2f} ({row.low:.2f} to {row.high:.2f})" for row in rows)
+    if enough is not None:
+        said += f"; 0.8 takes {enough.subjects} subjects ({enough.low} to {enough.high})"
     return [_row("power of group x set, RMS error, d = 0.8", (), {}, said)]
 
 

@@ -9,7 +9,9 @@ is the test's false-positive rate. Rates have exact binomial intervals (Clopper,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +22,7 @@ from rig_study.declared import StudyError
 from rig_study.statistics_anova import Cells
 from shared_control.streams import stream
 
-__all__ = ["Power", "changes", "power", "sizes_for"]
+__all__ = ["Needed", "Power", "changes", "needed", "power", "sizes_for"]
 
 Array = npt.NDArray[np.float64]
 
@@ -35,6 +37,17 @@ class Power(NamedTuple):
     rate: float
     low: float
     high: float
+
+
+class Needed(NamedTuple):
+    """The fewest subjects with which the interaction is found as often as is wanted.
+
+    At ``subjects`` the rate reaches it, at ``low`` the upper end of the rate's interval, at ``high`` the lower end.
+    """
+
+    subjects: int
+    low: int
+    high: int
 
 
 def changes(data: Cells) -> dict[str, Array]:
@@ -105,9 +118,46 @@ def power(
         random = stream(seed, f"power {total}")
         sizes = sizes_for(total, ratio)
         drawn: list[Any] = [random.choice(g, (cohorts, n)) for g, n in zip(groups, sizes, strict=True)]
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
+            # Among few, one subject can be drawn so often that there is next to no spread.
+            warnings.simplefilter("ignore", RuntimeWarning)
             p = stats.ttest_ind(*drawn, axis=1).pvalue
         found = int(np.sum(p < alpha))
         low, high = stats.binomtest(found, cohorts).proportion_ci(confidence)
         result.append(Power(total, sizes, found, cohorts, found / cohorts, float(low), float(high)))
     return result
+
+
+def needed(pilot: Mapping[str, Array], wanted: float = 0.8, *, most: int = 2000, **options: Any) -> Needed | None:
+    """How many subjects it takes, by bisection: more subjects find more. None if ``most`` do not suffice.
+
+    Parameters
+    ----------
+    wanted: rate.
+    most: subjects at which the search ends.
+    options: of :func:`power`.
+
+    Raises
+    ------
+    StudyError: as :func:`power`; or not a rate between 0 and 1.
+    """
+    if not 0.0 < wanted < 1.0:
+        raise StudyError(f"power: {wanted} is not allowed; it must be between 0 and 1")
+
+    @functools.cache
+    def at(subjects: int) -> Power:
+        return power(pilot, [subjects], **options)[0]
+
+    def fewest(end: Callable[[Power], float]) -> int | None:
+        few, enough = 3, 4
+        while end(at(enough)) < wanted:
+            if enough == most:
+                return None
+            few, enough = enough, min(2 * enough, most)
+        while enough - few > 1:
+            between = (few + enough) // 2
+            few, enough = (few, between) if end(at(between)) >= wanted else (between, enough)
+        return enough
+
+    found = fewest(lambda p: p.rate), fewest(lambda p: p.high), fewest(lambda p: p.low)
+    return None if None in found else Needed(*map(int, found))

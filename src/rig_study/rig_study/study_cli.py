@@ -65,7 +65,7 @@ def parser() -> argparse.ArgumentParser:
         "power",
         help="how many subjects an effect needs, by cohorts drawn from a pilot",
         description="Draw cohorts from the subjects of a pilot and count in how many the interaction of group and set "
-        "is found, with an exact binomial interval.",
+        "is found, with an exact binomial interval; then look for the fewest subjects that find it as often as is wanted.",
     )
     power.add_argument("pilot", type=Path, help="folder or table of trials, simulated or analysed")
     power.add_argument("--measure", default="rms_error", help="of the subjects' means over a set (%(default)s)")
@@ -73,6 +73,7 @@ def parser() -> argparse.ArgumentParser:
     power.add_argument(
         "--effect", type=float, metavar="D", help="wanted d between the groups' changes; 0: a null cohort"
     )
+    power.add_argument("--power", type=float, default=0.8, help="how often it is to be found (%(default)s)")
     power.add_argument("--cohorts", type=int, default=2000, help="drawn for each number of subjects (%(default)s)")
     power.add_argument("--alpha", type=float, default=0.05, help="level of the test (%(default)s)")
     power.add_argument("--seed", type=int, default=0)
@@ -189,7 +190,7 @@ def keep(protocol: Protocol, cohort: cohorts.Cohort, rows: Sequence[Row], folder
 
 def _power(options: argparse.Namespace) -> int:
     # Imported here: plans and simulations need no tables.
-    from rig_study.power import changes, power
+    from rig_study.power import changes, needed, power
     from rig_study.statistics_anova import cells
     from rig_study.tables import read, subjects
 
@@ -201,9 +202,14 @@ def _power(options: argparse.Namespace) -> int:
     wanted = "the pilot's own effect" if options.effect is None else f"d = {options.effect:g}"
     print(f"{options.measure}, {sets[0]} to {sets[1]}, {wanted}, {options.cohorts} cohorts, alpha {options.alpha:g}")
     print(f"{'subjects':>8}  {'groups':>14}  {'found':>7}  95 % interval")
-    for row in power(
-        pilot, options.subjects, effect=options.effect, cohorts=options.cohorts, alpha=options.alpha, seed=options.seed
-    ):
+    how = {"effect": options.effect, "cohorts": options.cohorts, "alpha": options.alpha, "seed": options.seed}
+    for row in power(pilot, options.subjects, **how):
         groups = " + ".join(f"{size} {name}" for size, name in zip(row.sizes, pilot, strict=True))
         print(f"{row.subjects:8}  {groups:>14}  {row.rate:7.3f}  {row.low:.3f} to {row.high:.3f}")
+    if options.effect != 0.0:
+        found = needed(pilot, options.power, **how)
+        said = (
+            "more than 2,000 subjects" if found is None else f"{found.subjects} subjects ({found.low} to {found.high})"
+        )
+        print(f"to find it {options.power:g} of the time: {said}")
     return 0
