@@ -65,7 +65,7 @@ def parser() -> argparse.ArgumentParser:
         "power",
         help="how many subjects an effect needs, by cohorts drawn from a pilot",
         description="Draw cohorts from the subjects of a pilot and count in how many the interaction of group and set "
-        "is found, with an exact binomial interval; then look for the fewest subjects that find it as often as is wanted.",
+        "is found, with an exact binomial interval; then look for the fewest subjects that find it as often as wanted.",
     )
     power.add_argument("pilot", type=Path, help="folder or table of trials, simulated or analysed")
     power.add_argument("--measure", default="rms_error", help="of the subjects' means over a set (%(default)s)")
@@ -201,11 +201,11 @@ def _power(options: argparse.Namespace) -> int:
     pilot = changes(cells(table, options.measure, sets))
     wanted = "the pilot's own effect" if options.effect is None else f"d = {options.effect:g}"
     print(f"{options.measure}, {sets[0]} to {sets[1]}, {wanted}, {options.cohorts} cohorts, alpha {options.alpha:g}")
-    print(f"{'subjects':>8}  {'groups':>14}  {'found':>7}  95 % interval")
+    print(f"{'subjects':>8}  {'groups':>26}  {'found':>7}  95 % interval")
     how = {"effect": options.effect, "cohorts": options.cohorts, "alpha": options.alpha, "seed": options.seed}
     for row in power(pilot, options.subjects, **how):
         groups = " + ".join(f"{size} {name}" for size, name in zip(row.sizes, pilot, strict=True))
-        print(f"{row.subjects:8}  {groups:>14}  {row.rate:7.3f}  {row.low:.3f} to {row.high:.3f}")
+        print(f"{row.subjects:8}  {groups:>26}  {row.rate:7.3f}  {row.low:.3f} to {row.high:.3f}")
     if options.effect != 0.0:
         found = needed(pilot, options.power, **how)
         said = (
