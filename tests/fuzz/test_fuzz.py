@@ -8,9 +8,6 @@ from fuzz.every import EVERY
 from fuzz.garbage import Garbage
 from fuzz.runner import run, table
 
-from shared_control.parameters import ParameterError, shown
-from shared_control.yaml_text import MOST_BYTES, parse
-
 SEED = 20
 #: Of each boundary; live nodes take longer over one than files.
 INPUTS = 150
@@ -51,30 +48,3 @@ def test_a_crash_is_found_counted_and_kept() -> None:
     assert outcome.inputs == 50
     assert "KeyError" in outcome.crashes[0][1]
     assert run(_Broken, [outcome.crashes[0][0]], 0).crashes, "a crash is seen again by its number alone"
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["2001-99-99", "!!timestamp x", "!!bool x", "!!float ''", "[" * 5000, "- " * 3000, "9" * 5000, "a: *b", "{a: 1",
-     "\0", "!!python/object/apply:os.system [id]", "? {a: {b: [c]}}\n: d", b"\xff\xfe\xfd", "x" * (MOST_BYTES + 1)],
-    ids=range(14),
-)  # fmt: skip
-def test_what_yaml_cannot_read_is_one_sentence(text: str | bytes) -> None:
-    with pytest.raises(ParameterError) as caught:
-        parse(text, "somewhere")
-    assert str(caught.value).startswith("somewhere")
-    assert len(str(caught.value)) < 400
-
-
-def test_aliases_that_multiply_are_not_written_out() -> None:
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 30)]
-    assert len(shown(parse("\n".join(lines), "it"))) < 3000
-
-
-def test_a_value_is_shown_shortened() -> None:
-    assert shown("word") == "'word'"
-    assert shown([1.0, 2.0]) == "[1.0, 2.0]"
-    assert len(shown("x" * 10_000)) < 200
-    assert len(shown(1 << 40_000)) < 200
-    assert len(str(ParameterError("y" * 5000))) < 1200

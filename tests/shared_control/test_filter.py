@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from shared_control import controllers, tasks
 from shared_control.cost import quadratic
-from shared_control.filter import INPUT_FAULTS, FilterConfig, MigFilter, Mode, Reason, Verdict
+from shared_control.filter import INPUT_FAULTS, FilterConfig, MigFilter, Mode, Reason, Verdict, costs
 from shared_control.integrate import Stepper
 from shared_control.mig import mig_integral
 from shared_control.parameters import ParameterError
@@ -22,6 +22,8 @@ X = np.array([0.3, 0.5, 0.0, 0.0])
 GOOD, BAD = np.array([5.0]), np.array([-5.0])
 #: Falling so fast that its cost overflows.
 SINGULAR = np.array([0.1, 0.0, 0.0, 1.7e308])
+#: So far away that its cost overflows, which is a square; its slope does not.
+FAR = np.array([0.3, 0.5, 1e160, 0.0])
 
 
 def make(mode="assistance", **values):
@@ -36,6 +38,8 @@ def test_accepted():
         assert decision.applied_control == GOOD
         assert decision.user_control == GOOD
         assert decision.nominal_control == 0.0
+        with pytest.raises(ValueError, match="read-only"):  # it is every decision's
+            decision.nominal_control[0] = 1.0
         assert decision.mode == Mode.of(mode)
 
 
@@ -88,6 +92,30 @@ def test_contraction_asks_for_a_share_of_the_cost(oracle):
     assert filter_.decide(X, GOOD).verdict == Verdict.ACCEPTED
 
 
+def test_where_no_share_is_asked_the_cost_need_not_be_finite():
+    decision = make("training").decide(FAR, BAD)
+    assert (decision.verdict, decision.reason) == (Verdict.ACCEPTED, Reason.CRITERION)
+    asked = make("training", contraction=0.1).decide(FAR, BAD)
+    assert (asked.verdict, asked.reason) == (Verdict.REJECTED, Reason.NON_FINITE_CRITERION)
+
+
+def test_a_controller_without_a_solution_is_told_and_its_last_schedule_goes_on():
+    filter_ = make(controller_horizon=0.04)
+    decision = filter_.decide(FAR, GOOD)
+    assert (decision.verdict, decision.reason) == (Verdict.REPLACED, Reason.NOT_CONVERGED)
+    assert decision.applied_control == 0.0
+    filter_.decide(X, BAD)
+    later = [filter_.decide(FAR, GOOD).applied_control for _ in range(4)]
+    assert later[0] > 0.0 == later[3]
+
+
+@pytest.mark.parametrize("asks", [{"continuation": "controller"}, {"judge": "predictive"}])
+def test_what_asks_a_controller_that_finds_nothing_cannot_judge(asks):
+    decision = make(**asks).decide(FAR, BAD)
+    assert (decision.verdict, decision.reason) == (Verdict.REPLACED, Reason.NON_FINITE_CRITERION)
+    assert decision.applied_control == 0.0
+
+
 def test_continuation_forgives_what_the_controller_can_mend():
     """With the controller after it even a push the wrong way is part of a descent; one that is too hard is not."""
     filter_ = make(continuation="controller")
@@ -96,12 +124,19 @@ def test_continuation_forgives_what_the_controller_can_mend():
     assert filter_.decide(X, 1e4 * BAD).verdict == Verdict.REPLACED
 
     cost = quadratic(TASK)
-    after = X.copy()
-    Stepper(TASK, 0.01).advance(after, BAD)
     controller = controllers.make("ilqr", TASK, cost, horizon=0.5)
-    controller.solve(after)
-    expected = mig_integral(TASK, cost, X, BAD, horizon=0.5, dt=0.01, then=controller.schedule)
-    assert decision.criterion == expected < 0.0 < make().decide(X, BAD).criterion
+
+    def expected() -> float:
+        after = X.copy()
+        Stepper(TASK, 0.01).advance(after, BAD)
+        controller.solve(after)
+        return mig_integral(TASK, cost, X, BAD, horizon=0.5, dt=0.01, then=controller.schedule)
+
+    filter_ = make(continuation="controller")
+    assert filter_.decide(X, BAD).criterion == expected() < 0.0 < make().decide(X, BAD).criterion
+    # A tick later the controller begins with what it had found, one sample on.
+    controller.advance()
+    assert filter_.decide(X, BAD).criterion == expected()
 
 
 SLIP = tasks.get("slip")
@@ -117,6 +152,8 @@ def test_channels_are_judged_one_by_one():
     stance = np.array([0.0, 0.8, 0.9, -0.5, -0.2])
     probe = slip("training")
     toe = next(s for s in (2.0, -2.0) if probe.decide(FLYING, np.array([0.0, s])).verdict == Verdict.REJECTED)
+    both = probe.decide(FLYING, np.array([5.0, toe]))
+    assert (both.verdict, list(both.applied_control)) == (Verdict.REJECTED, [0.0, 0.0])
     kept = slip("training", channels="separately").decide(FLYING, np.array([5.0, toe]))
     assert (kept.verdict, list(kept.applied_control)) == (Verdict.REJECTED, [5.0, 0.0])
     push = next(s for s in (5.0, -5.0) if probe.decide(stance, np.array([s, 0.0])).verdict == Verdict.REJECTED)
@@ -130,11 +167,21 @@ def test_channels_are_judged_one_by_one():
 
 def test_channels_apart_agree_with_their_sum():
     """Along the nominal trajectory the criterion is linear: the joint one is the sum of those of the channels."""
-    u = np.array([7.0, -1.5])
-    joint = slip().decide(FLYING, u).criterion
-    alone = [slip().decide(FLYING, part).criterion for part in (u * [1.0, 0.0], u * [0.0, 1.0])]
-    assert joint == pytest.approx(sum(alone), rel=1e-9)
-    assert slip(channels="separately").decide(FLYING, u).criterion == max(alone)
+    for toe in (-1.5, 1.5):
+        u = np.array([7.0, toe])
+        joint = slip().decide(FLYING, u).criterion
+        alone = [slip().decide(FLYING, part).criterion for part in (u * [1.0, 0.0], u * [0.0, 1.0])]
+        assert joint == pytest.approx(sum(alone), rel=1e-9)
+        assert slip(channels="separately").decide(FLYING, u).criterion == max(alone)
+    # The last toe is a good one, and the thrust changes nothing in flight: apart, that is the larger of the two.
+    assert alone[1] < 0.0 == alone[0]
+
+
+def test_a_channel_at_rest_is_not_judged_apart():
+    u = np.array([0.0, 1.5])
+    apart = slip(channels="separately").decide(FLYING, u)
+    assert apart.verdict == Verdict.ACCEPTED
+    assert apart.criterion == slip().decide(FLYING, u).criterion < 0.0
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -180,6 +227,19 @@ def test_fallback_is_nothing_even_where_the_controller_would_help(mode):
     assert decision.applied_control == 0.0
 
 
+def test_a_tick_without_inputs_is_a_tick_of_the_controllers_schedule_too():
+    def after(*reasons):
+        filter_ = make(controller_horizon=0.04)
+        filter_.decide(X, BAD)
+        for reason in reasons:
+            filter_.fallback(reason, BAD)
+        return filter_.decide(SINGULAR, BAD).applied_control
+
+    assert after() != after(Reason.STALE_STATE)
+    assert after(Reason.STALE_STATE) > 0.0
+    assert after(*3 * [Reason.STALE_WRENCH]) == 0.0
+
+
 def test_reasons_of_inputs_that_are_not_to_be_believed():
     """They are those whose names speak of a state, a wrench or its frame."""
     named = {r for r in Reason if r.name.endswith(("_STATE", "_WRENCH", "_FRAME"))}
@@ -209,6 +269,14 @@ def test_configure_all_or_nothing():
         assert filter_.threshold == 2.0
 
 
+def test_the_force_that_is_believed_changes_when_it_is_named_and_only_then():
+    filter_ = make(max_force=50.0)
+    filter_.configure(threshold=1.0)
+    assert filter_.max_force == 50.0
+    filter_.configure(max_force=20.0)
+    assert filter_.max_force == 20.0
+
+
 def test_the_dead_zone_changes_when_it_is_named_and_only_then():
     filter_ = make("training", dead_zone=4.0)
     filter_.configure(mode="assistance")
@@ -234,6 +302,25 @@ def test_nothing_compiles_after_warm_up():
     assert (compiled(_slope), compiled(search)) == before
 
 
+@pytest.mark.parametrize("asks", [{"contraction": 0.1}, {"continuation": "controller"}, {"judge": "predictive"}])
+def test_after_warm_up_no_kernel_is_looked_for(asks, monkeypatch):
+    """What each object calls is bound to the types of its first call, which is warm-up's."""
+    from shared_control.mig import _slope
+
+    filter_ = make(threshold=-1e9, **asks)
+    filter_.warm_up()
+    asked = []
+    monkeypatch.setattr(type(_slope), "compile", lambda kernel, types: asked.append(kernel))
+    assert filter_.decide(X, BAD).verdict == Verdict.REPLACED
+    assert not asked
+
+
+def test_warm_up_leaves_no_schedule():
+    filter_ = make()
+    filter_.warm_up()
+    assert filter_.decide(SINGULAR, BAD).applied_control == 0.0
+
+
 anything = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -253,6 +340,33 @@ def test_weights_that_do_not_fit():
         make(state_weights=(1.0,))
     with pytest.raises(ParameterError, match="control_limits"):
         make(control_limits=(1.0, 2.0))
+
+
+def test_the_controllers_weights_are_the_filters_unless_they_are_given():
+    judged = {
+        "state_weights": (1.0, 2.0, 3.0, 4.0), "control_weights": (5.0,), "terminal_weights": (6.0, 7.0, 8.0, 9.0),
+        "target": (0.1, 0.2, 0.3, 0.4),
+    }  # fmt: skip
+    filters, controllers_ = costs(TASK, FilterConfig(**judged))
+    assert filters == controllers_ == quadratic(TASK, *judged.values())
+    own = {"state_weights": (4.0, 3.0, 2.0, 1.0), "control_weights": (0.5,), "terminal_weights": (9.0, 8.0, 7.0, 6.0)}
+    for key, value in own.items():
+        filters, controllers_ = costs(TASK, FilterConfig(**judged, **{f"controller_{key}": value}))
+        assert filters == quadratic(TASK, *judged.values())
+        assert controllers_ == quadratic(TASK, **{**judged, key: value})
+
+
+def test_random_baseline_begins_as_after_a_reset():
+    def verdicts(filter_):
+        return [filter_.decide(X, GOOD).verdict for _ in range(50)]
+
+    fresh, reset = (make("training", judge="random") for _ in range(2))
+    begun = verdicts(fresh)
+    assert verdicts(reset) == begun
+    reset.reset()
+    assert verdicts(reset) == begun
+    reset.reset(1)
+    assert verdicts(reset) != begun
 
 
 def test_random_baseline_rejects_at_its_rate_and_repeats():
@@ -288,5 +402,9 @@ def test_predictive_baseline_stops_what_could_not_be_made_good():
     decision = filter_.decide(cannot, push)
     assert (decision.verdict, decision.criterion) == (Verdict.REPLACED, 1.0)
     assert decision.applied_control[0] < 0.0
+    # Of a horizon of one sample the end counts too: it fails there, and not yet after the user's sample.
+    config = FilterConfig(horizon=0.01, judge="predictive", state_weights=(0.0, 0.0, 200.0, 1.0))
+    at_the_end = MigFilter(task, config).decide(np.array([math.pi, 0.0, 0.985, 1.0]), push)
+    assert (at_the_end.verdict, at_the_end.criterion) == (Verdict.REPLACED, 1.0)
     endless = MigFilter(TASK, FilterConfig(horizon=0.5, judge="predictive"))
     assert endless.decide(cannot, push).verdict == Verdict.ACCEPTED

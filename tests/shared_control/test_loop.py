@@ -59,6 +59,25 @@ def test_wrench_that_is_not_finite_on_any_axis(agent, axis):
     assert np.all(np.isfinite(admitted))
 
 
+def test_a_force_beyond_the_sensors_range_is_not_believed(agent):
+    force = np.array([-51.0, 0.0, 0.0])
+    assert agent.decide(X, force).decision.reason == loop.Reason.CRITERION
+    agent.configure(max_force=50.0)
+    decision, admitted, _ = agent.decide(X, force)
+    assert (decision.verdict, decision.reason) == (loop.Verdict.REJECTED, loop.Reason.EXCESSIVE_WRENCH)
+    assert np.array_equal(admitted, np.zeros(3))
+    agent.configure(max_force=51.0)
+    assert agent.decide(X, force).decision.reason == loop.Reason.CRITERION
+
+
+def test_the_mode_in_force_is_told(agent):
+    was = agent.mode
+    for mode in ("off", "training", "assistance"):
+        agent.mode = mode
+        assert agent.mode.name == mode.upper()
+    agent.mode = was
+
+
 def test_plant_outcomes():
     upright = {"/**/task_sim": {"ros__parameters": {"initial_state": [0.0, 0.0, 0.0, 0.0]}}}
     plant = loop.make_plant(load(upright), 0)

@@ -8,7 +8,7 @@ import pytest
 
 from shared_control.admittance import AdmittanceConfig
 from shared_control.filter import FilterConfig
-from shared_control.parameters import ParameterError, build, declarations, parameter
+from shared_control.parameters import ParameterError, build, declarations, parameter, shown
 from shared_control.scenario import LoopConfig, TaskConfig
 from shared_control.users import UserConfig
 
@@ -21,6 +21,7 @@ class Example:
     count: int = parameter(3, "A count.", ge=1, unit="1")
     name: str = parameter("a", "A name.", choices=("a", "b"), live=True)
     on: bool = parameter(False, "A switch.")
+    most: float = parameter(1.0, "At most one.", le=1.0, unit="m")
     weights: tuple[float, ...] = parameter([1.0, 2.0], "Weights.", ge=0.0, length=2)
 
 
@@ -48,6 +49,8 @@ def test_build():
         ("weights", [1.0, -1.0]),
         ("weights", 1.0),
         ("weights", "ab"),
+        ("most", 2.0),
+        ("most", 10**400),
     ],
 )
 def test_refused_by_name_value_and_range(key, value):
@@ -55,7 +58,7 @@ def test_refused_by_name_value_and_range(key, value):
         build(Example, {key: value}, "here")
     message = str(caught.value)
     assert message.startswith(f"here: {key}: ")
-    assert repr(value) in message
+    assert shown(value) in message
     assert next(d for d in declarations(Example) if d.name == key).allowed() in message
 
 
@@ -77,3 +80,11 @@ def test_own_keys_never_coincide_with_shared_ones():
     shared = {declaration.name for declaration in declarations(LoopConfig)}
     for cls in CONFIGS[1:]:
         assert not shared & {declaration.name for declaration in declarations(cls)}
+
+
+def test_a_value_is_shown_shortened() -> None:
+    assert shown("word") == "'word'"
+    assert shown([1.0, 2.0]) == "[1.0, 2.0]"
+    assert len(shown("x" * 10_000)) < 200
+    assert shown(1 << 40_000) == "a number of more digits than Python writes"
+    assert len(str(ParameterError("y" * 5000))) < 1200

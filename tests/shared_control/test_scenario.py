@@ -88,6 +88,8 @@ def test_task_parameters_reach_the_task():
         ({"/**": {"seed": 1}}, ["/**", "ros__parameters"]),
         ({"/**": {"ros__parameters": [1]}}, ["ros__parameters must be a mapping"]),
         (section("/**/mig_filter") | section("/mig_filter"), ["twice"]),
+        (section("/**/mig_filter", horizon=0.004), ["horizon: 0.004", "one sample_time"]),
+        (section("/**/mig_filter", controller_horizon=0.004), ["controller_horizon: 0.004", "one sample_time"]),
     ],
 )
 def test_refused(content, words):
@@ -125,6 +127,12 @@ def test_not_text(tmp_path):
     path.write_bytes(b"\xff\xfe\x00\x01\x02")
     with pytest.raises(ScenarioError, match=r"trial\.yaml"):
         scenario.load(path)
+
+
+@pytest.mark.parametrize("name", ["", "a\0b", "x" * 300])
+def test_what_is_no_files_name_is_refused(name):
+    with pytest.raises(ScenarioError, match="is not the name of a file"):
+        scenario.load(name)
 
 
 def test_missing_lists_what_there_is(tmp_path, monkeypatch):

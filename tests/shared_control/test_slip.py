@@ -84,6 +84,26 @@ def test_flow_and_events_against_dop853(x, u):
     np.testing.assert_allclose(advance(x, u, 4 * steps, DT / 4)[0][-1], end, rtol=0.0, atol=5e-8)
 
 
+def test_a_hop_shorter_than_a_sample():
+    """It leaves the ground at rest length and is back on it before the sample ends; the event is known in closed form.
+
+    While it stands again the leg gives way: without that it would have sunk by what free flight gives.
+    """
+    rise = 0.04
+    hop = np.array([0.0, 0.0, 1.0, rise, 0.0])
+    nodes, modes = advance(hop, (0.0, 0.0), 1, mode=0)
+    landed = 2.0 * rise / G
+    assert landed < DT
+    assert modes == [0, 1]
+    rest = DT - landed
+    # Of the oscillation k/m = 100 about its balance, from the leg's length at rest with -rise on.
+    omega, sag = math.sqrt(K), G / K
+    z = 1.0 - sag + sag * math.cos(omega * rest) - rise / omega * math.sin(omega * rest)
+    v = -sag * omega * math.sin(omega * rest) - rise * math.cos(omega * rest)
+    np.testing.assert_allclose(nodes[-1], [0.0, 0.0, z, v, 0.0], rtol=0.0, atol=1e-9)
+    assert advance([0.0, 0.0, 1.0, 0.06, 0.0], (0.0, 0.0), 1, mode=0)[1] == [0, 0], "a longer hop is still in flight"
+
+
 def differences(function, x, u, width):
     """Five-point differences with respect to each state and each control."""
     whole = np.concatenate([x, u])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import pytest
 from shared_control import loop
 from shared_control.filter import Reason, Verdict
 from shared_control.parameters import ParameterError
+from shared_control.scenario import load
 from shared_control.trial import judged, run_trial, run_trials
 
 
@@ -99,6 +101,15 @@ def test_idle_user_is_never_stopped(scenario):
     assert np.all(result.reason == Reason.NULL_ACTION)
     assert np.isnan(result.measures.pra_trial)
     assert np.abs(result.states[-1, 0]) == pytest.approx(np.pi)
+
+
+def test_only_a_runner_with_a_purpose_has_a_speed_to_keep():
+    for name, kept in (("slip_skilled_off", True), ("slip_noise_off", False)):
+        runner = load(name)
+        short = dataclasses.replace(runner, loop=dataclasses.replace(runner.loop, duration=0.2))
+        measures = run_trial(short, 3).measures
+        assert math.isfinite(measures.speed_rmse) == kept
+        assert math.isfinite(measures.mean_speed)
 
 
 def test_judged_after_the_fact(scenario):

@@ -131,6 +131,18 @@ def test_graded_sees_late():
         assert np.array_equal(late.act(k, 0.01 * k, states[k]), first.act(k, 0.01 * k, shown[k]))
 
 
+def test_graded_forgets_what_it_saw_and_did():
+    user = users.make("graded", TASK, 8, skill=0.5, delay=0.03)
+
+    def acts(seed):
+        user.reset(seed)
+        return [user.act(k, 0.01 * k, np.array([0.1 * (k + 1), 0.0, 0.0, 0.0]))[0] for k in range(6)]
+
+    first = acts(8)
+    assert acts(9) != first
+    assert acts(8) == first
+
+
 def test_wrong_model_acts_otherwise():
     x = np.array([0.4, 0.0, 0.0, 0.0])
     right, wrong = (users.make("graded", TASK, model_parameters=texts) for texts in ((), ("length=1.0",)))
@@ -177,6 +189,8 @@ def test_idle():
 
 
 def test_refused():
+    with pytest.raises(ParameterError, match=f"known: {', '.join(users.names())}"):
+        users.make("somebody", TASK)
     with pytest.raises(ParameterError, match="did you mean noise"):
         users.make("nose", TASK)
     with pytest.raises(ParameterError, match="noise_sd"):

@@ -21,8 +21,8 @@ from shared_control import cost, kernels_cache, tuples
 from shared_control.tuples import Vector
 
 __all__ = ["bound", "compiled", "effort", "flow", "guard", "guard_gradient", "in_mode", "is_hybrid", "jit"]
-__all__ += ["jit_inlined", "linearise", "mode", "next_mode", "partials", "pullback", "replaced_by", "running"]
-__all__ += ["running_gradient", "terminal", "terminal_gradient"]
+__all__ += ["jit_inlined", "linearise", "mode", "next_mode", "partials", "plain", "pullback", "replaced_by"]
+__all__ += ["running", "running_gradient", "terminal", "terminal_gradient"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -70,7 +70,8 @@ def bound(kernel: F) -> F:
 
     Looking at the types of all arguments at each call takes longer than handing them over.
     """
-    entry: Callable[..., Any] | None = None
+    # Where the compiler is switched off (NUMBA_DISABLE_JIT) a kernel is the function that was written.
+    entry: Callable[..., Any] | None = None if hasattr(kernel, "compile") else kernel
 
     def call(*arguments: Any) -> Any:
         nonlocal entry
@@ -79,6 +80,11 @@ def bound(kernel: F) -> F:
         return entry(*arguments)
 
     return cast(F, call)
+
+
+def plain(kernel: F) -> F:
+    """The function that was written, behind its kernel."""
+    return cast(F, getattr(kernel, "py_func", kernel))
 
 
 def compiled(function: Any) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from shared_control import hybrid, rk4
-from shared_control.dispatch import bound, is_hybrid, jit, replaced_by
+from shared_control.dispatch import bound, is_hybrid, jit, plain, replaced_by
 from shared_control.tasks.task import Array, Task
 from shared_control.tuples import Vector, take, unit
 
@@ -56,14 +56,12 @@ def step_pullback(p: Any, store: Array, at: int, u: Vector, w: Vector, h: float)
     return back
 
 
-replaced_by(stride)(lambda p, x: _method(p).stride.py_func)
-#: Its functions as the compiler has them, with the plain ones inside.
-_kernels: Any = hybrid
-replaced_by(step)(lambda p, mode, x, u, h: _kernels.step.py_func if is_hybrid(p) else _smooth_step)
+replaced_by(stride)(lambda p, x: plain(_method(p).stride))
+replaced_by(step)(lambda p, mode, x, u, h: plain(hybrid.step) if is_hybrid(p) else _smooth_step)
 replaced_by(step_linearised)(
-    lambda p, mode, x, u, h, store, at: _kernels.step_linearised.py_func if is_hybrid(p) else _smooth_step_linearised
+    lambda p, mode, x, u, h, store, at: plain(hybrid.step_linearised) if is_hybrid(p) else _smooth_step_linearised
 )
-replaced_by(step_pullback)(lambda p, store, at, u, w, h: _method(p).step_pullback.py_func)
+replaced_by(step_pullback)(lambda p, store, at, u, w, h: plain(_method(p).step_pullback))
 
 
 @jit
@@ -92,7 +90,7 @@ def _jacobian_array(
 def store_size(task: Task, steps: int) -> int:
     """Length of the store of a trajectory."""
     method = _method(task.parameters)
-    return steps * int(method.stride.py_func(task.parameters, task.target))
+    return steps * int(plain(method.stride)(task.parameters, task.target))
 
 
 class Stepper:
