@@ -7,35 +7,34 @@ run and loses nothing.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import datetime
 import sys
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from mig_interfaces.msg import NodeReport, RecorderState, TrialState
-from rig_bag import definitions
-from rig_bag.configuration import QUEUE_DEPTH, RecorderConfig
+from rig_bag.configuration import RecorderConfig
 from rig_bag.errors import BagError
+from rig_bag.intake import Declared, Intake
 from rig_bag.opening import open_bag, place_of
-from rig_bag.qos import Qos, load_overrides
+from rig_bag.qos import load_overrides
 from rig_bag.recording import Recording, Stream, Trial
 from rig_bag.selection import Selection
-from rig_bag.watch import PublisherWatch, SteadyWallClock
+from rig_bag.watch import EndWatch, PublisherWatch, SteadyWallClock
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
 from rig_runtime.surroundings import scheduling
-from rig_runtime.wire import decode
+from rig_runtime.wire import MalformedError, decode
 from shared_control.parameters import ParameterError
 from shared_control.scenario import LoopConfig
 
@@ -43,7 +42,11 @@ __all__ = ["RecorderNode", "main"]
 
 _SEARCH_PERIOD = 0.05  # [s] between looks for publishers while a listed topic has none
 _WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and between flushes
+_TAKE_PERIOD = 0.02  # [s] between two looks for messages
+_TAKE_PERIOD_REALTIME = 0.1  # [s] the same while a trial is paced by wall time: nobody waits for what is recorded
+_TAKE_PERIOD_LOCKSTEP = 0.002  # [s] and while one runs as fast as it can: the pacemaker waits for progress
 _SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
+_NAME = 12  # [bytes] before the node's name in a serialised report: byte order and stamp
 _now = time.monotonic
 _wall = time.time_ns
 
@@ -65,18 +68,16 @@ class RecorderNode(RigNode):
         #: Done when the bag is closed; the result is the reason.
         self.closed = Future()
         self.recording: Recording | None = None
-        self._subscriptions_of: dict[str, Any] = {}
-        #: What each subscribed topic is declared as in a bag: type, QoS of its publishers, hash of the type.
-        self._declared: dict[str, tuple[str, list[Qos], str]] = {}
+        #: Each subscribed topic.
+        self._declared: dict[str, Declared] = {}
         #: Where each topic goes in the bag that is open.
         self._streams: dict[str, Stream] = {}
-        self._skipped: set[str] = set()
+        #: What takes a message of these topics; of the others it is only recorded.
+        self._special: dict[str, Callable[[bytes, int], None]] = {}
+        self._taking = False
+        self._reports: dict[bytes, bytes] = {}
         self._wall_clock = SteadyWallClock(_wall)
         self._publishers_watched = PublisherWatch()
-        #: Of a trial whose publisher has vanished: ticks received by then, and until when others are waited for.
-        self._abandoned: tuple[int, float] | None = None
-        self._settle: Any = None
-        self._settled_at = self._settled_ticks = 0
         self._recorded_uid = 0
         self._reason = ""
         #: Whether something is missing in the bag because it could not be written.
@@ -90,25 +91,16 @@ class RecorderNode(RigNode):
     def _open(self) -> None:
         self.config = config = self.parameters.get(RecorderConfig)
         self._splits = config.split == "trial"
-        self._selection = Selection(
-            everything=config.all,
-            regex=config.regex,
-            exclude_regex=config.exclude_regex,
-            exclude=[self.resolve_topic_name(topic) for topic in config.exclude_topics if topic],
-            hidden=config.include_hidden_topics,
-        )
+        self._lockstep = self.parameters.get(LoopConfig).pacing == "lockstep"
+        self._end_watch = EndWatch(config.settle_limit, _now)
         self._trial_topic = self.resolve_topic_name(topics.TRIAL_STATE.name)
         self._report_topic = self.resolve_topic_name(topics.NODE_REPORT.name)
-        self._wanted = [self.resolve_topic_name(topic) for topic in config.topics if topic]
-        path = config.qos_profile_overrides_path
-        self._qos_overrides = load_overrides(path) if path else {}
-        if config.follow_trial and self._trial_topic not in self._wanted:
-            self._wanted.append(self._trial_topic)
         self._groups = [
             "|".join(self.resolve_topic_name(topic) for topic in group.split("|"))
             for group in config.per_tick_topics
             if group
         ]
+        self._intake = self._make_intake()
         announced = topics.RECORDER_STATE
         self._publisher = self.create_publisher(announced.type, announced.name, announced.qos)
         self._state = RecorderState()
@@ -120,11 +112,29 @@ class RecorderNode(RigNode):
         else:
             self._begin(Path(place))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._take_timer = self.create_timer(_TAKE_PERIOD, self._take, clock=clock)
         self._search = self.create_timer(_SEARCH_PERIOD, self._look_for_publishers, clock=clock)
         self._watching = self.create_timer(_WATCH_PERIOD, self._watch, clock=clock)
         self._settle = self.create_timer(_SETTLE_PERIOD, self._check_settled, clock=clock)
         self._settle.cancel()
         self._look_for_publishers()
+
+    def _make_intake(self) -> Intake:
+        config = self.config
+        wanted = [self.resolve_topic_name(topic) for topic in config.topics if topic]
+        if config.follow_trial:
+            self._special = {self._trial_topic: self._take_trial, self._report_topic: self._take_report}
+            wanted += [self._trial_topic] * (self._trial_topic not in wanted)
+        selection = Selection(
+            everything=config.all,
+            regex=config.regex,
+            exclude_regex=config.exclude_regex,
+            exclude=[self.resolve_topic_name(topic) for topic in config.exclude_topics if topic],
+            hidden=config.include_hidden_topics,
+        )
+        path = config.qos_profile_overrides_path
+        overrides = load_overrides(path) if path else {}
+        return Intake(self, wanted, selection, overrides, declare=self._add_topic, lost=self._note_lost, wall=_wall)
 
     def _begin(self, place: Path) -> None:
         """Open a bag; BagError if that cannot be."""
@@ -137,7 +147,7 @@ class RecorderNode(RigNode):
         recording = Recording(
             writer,
             per_tick=self._groups,
-            lockstep=self.parameters.get(LoopConfig).pacing == "lockstep",
+            lockstep=self._lockstep,
             progress_ticks=config.progress_ticks,
             on_progress=self._publish_state,
         )
@@ -146,28 +156,32 @@ class RecorderNode(RigNode):
         # From the first moment on a bag that is cut says what it is of.
         writer.flush()
         self.recording = recording
+        self._reports.clear()
         self._reason = ""
         self._publish_state()
         self.get_logger().info(f"recording to {self.path}")
 
     # -- readiness ---------------------------------------------------------------------------------------------------
 
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Those that an executor serves; from the others this node takes by itself."""
+        intake = getattr(self, "_intake", None)
+        return (each for each in super().subscriptions if intake is None or not intake.owns(each))
+
     def topics_wanted(self) -> tuple[str, ...]:
         """Fully qualified names of the topics that are listed (those of a pattern are not known in advance)."""
-        return tuple(self._wanted)
+        return self._intake.wanted
 
     def matched(self) -> dict[str, int]:
         """How many publishers each wanted or subscribed topic is matched with; 0 before it is subscribed."""
-        result = dict.fromkeys(self._wanted, 0)
-        for topic, subscription in self._subscriptions_of.items():
-            result[topic] = subscription.get_publisher_count()
-        return result
+        return self._intake.matched()
 
     def make_report(self) -> NodeReport:
         report = super().make_report()
         # Of the listed topics, those of the loop must have a publisher before a trial starts; others may never get one.
         names = {name for group in self.config.per_tick_topics for name in group.split("|") if name}
-        needed = {self.resolve_topic_name(name) for name in names} & set(self._wanted)
+        needed = {self.resolve_topic_name(name) for name in names} & set(self.topics_wanted())
         matched = {topic: count for topic, count in self.matched().items() if topic in needed}
         report.subscribes, report.matched_publishers = list(matched), list(matched.values())
         if self.recording is None and (self.failed or not self._splits):
@@ -190,101 +204,60 @@ class RecorderNode(RigNode):
     # -- topics ------------------------------------------------------------------------------------------------------
 
     def _look_for_publishers(self) -> None:
-        if self.closed.done():
-            return
-        # One cheap question for all topics; that for a topic's publishers costs twenty times as much.
-        for topic, _ in self.get_topic_names_and_types():
-            if topic not in self._subscriptions_of and (topic in self._wanted or self._selection.takes(topic)):
-                self._subscribe(topic)
-        if all(topic in self._subscriptions_of or topic in self._skipped for topic in self._wanted):
-            if not self._selection.empty:
-                self._search.timer_period_ns = int(_WATCH_PERIOD * 1e9)
-            else:
+        if not self.closed.done() and self._intake.look():
+            if self._intake.selection.empty:
                 self._search.cancel()
+            else:
+                self._search.timer_period_ns = int(_WATCH_PERIOD * 1e9)
 
-    def _subscribe(self, topic: str) -> None:
-        """Subscribe to a topic if it has a publisher."""
-        if topic in self._skipped:
+    def _add_topic(self, topic: str, declared: Declared) -> None:
+        if self.recording is not None:
+            self._streams[topic] = self.recording.add_topic(topic, *declared)
+            self.recording.writer.flush()
+        self._declared[topic] = declared
+
+    def _note_lost(self, topic: str, count: int) -> None:
+        if self.recording is not None:
+            self.recording.note_lost(topic, count)
+
+    # -- messages ----------------------------------------------------------------------------------------------------
+
+    def _take(self) -> None:
+        """Record what has come."""
+        if self._taking:
             return
-        publishers = self.get_publishers_info_by_topic(topic)
-        if not publishers:
-            return
-        types = sorted({info.topic_type for info in publishers})
-        try:
-            if len(types) > 1:
-                raise BagError(f"its publishers disagree on its type: {', '.join(types)}")
-            message_type = definitions.message_class(types[0])
-            qos_of_publishers = [Qos.from_rclpy(info.qos_profile) for info in publishers]
-            declared = (types[0], qos_of_publishers, str(publishers[0].topic_type_hash))
-            if self.recording is not None:
-                self._streams[topic] = self.recording.add_topic(topic, *declared)
-                self.recording.writer.flush()
-            self._declared[topic] = declared
-        except BagError as error:
-            self._skipped.add(topic)
-            self.get_logger().warning(f"{topic} is not recorded: {error}")
-            return
-        profile = self._qos_for(topic, [info.qos_profile for info in publishers])
-        subscribe = partial(self.create_subscription, message_type, topic, self._callback(topic), profile, raw=True)
-        try:
-            subscription = subscribe(event_callbacks=self._events(topic))
-        except UnsupportedEventTypeError:
-            subscription = subscribe()
-        self._subscriptions_of[topic] = subscription
-
-    def _qos_for(self, topic: str, profiles: Sequence[QoSProfile]) -> QoSProfile:
-        """The strictest that every publisher can serve, or what was asked for."""
-        if topic in self._qos_overrides:
-            return self._qos_overrides[topic].to_rclpy()
-        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
-        latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
-        return QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=QUEUE_DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
-
-    def _events(self, topic: str) -> SubscriptionEventCallbacks:
-        """What the middleware says of a subscription besides its messages."""
-
-        def lost(event: Any) -> None:
-            self.get_logger().warning(f"{topic}: the middleware lost {event.total_count_change} messages")
-            if self.recording is not None:
-                self.recording.note_lost(topic, event.total_count_change)
-
-        return SubscriptionEventCallbacks(message_lost=lost)
-
-    def _callback(self, topic: str) -> Callable[[bytes], None]:
+        self._taking = True
         # The bag's own time: a log whose times go back could not be played.
-        now, clock = time.monotonic_ns, self._wall_clock
-        streams = self._streams
+        special, clock = self._special, self._wall_clock
+        try:
+            for received, topic, data in self._intake.take():
+                if topic in special:
+                    special[topic](data, received + clock.offset)
+                else:
+                    self._record(topic, data, received + clock.offset)
+        finally:
+            self._taking = False
 
-        def take(data: bytes) -> None:
-            recording = self.recording
-            if recording is None:
-                return
+    def _record(self, topic: str, data: bytes, received: int) -> None:
+        recording = self.recording
+        if recording is not None:
             try:
-                recording.receive(streams[topic], data, now() + clock.offset)
+                recording.receive(self._streams[topic], data, received)
             except BagError as error:
                 self._fail(error)
 
-        def take_report(data: bytes) -> None:
-            take(data)
-            if self.recording is not None:
-                report = decode(data, NodeReport)
-                self.recording.note_answers(report.armed_uid, report.ticks_done, report.publishes)
+    def _take_report(self, data: bytes, received: int) -> None:
+        self._record(self._report_topic, data, received)
+        # The newest of each node, by its name; to take them apart is not worth the ticks' time.
+        self._reports[data[_NAME : _NAME + 4 + int.from_bytes(data[_NAME : _NAME + 4], "little")]] = data
 
-        def take_trial(data: bytes) -> None:
-            message = decode(data, TrialState)
-            if self._splits:
-                self._begin_trial(Trial.from_message(message))
-            take(data)
-            self.follow_trial(message)
-            self._on_trial(message)
-
-        special = {self._trial_topic: take_trial, self._report_topic: take_report}
-        return special.get(topic, take) if self.config.follow_trial else take
+    def _take_trial(self, data: bytes, received: int) -> None:
+        message = decode(data, TrialState)
+        if self._splits:
+            self._begin_trial(Trial.from_message(message))
+        self._record(self._trial_topic, data, received)
+        self.follow_trial(message)
+        self._on_trial(message)
 
     # -- the trial ---------------------------------------------------------------------------------------------------
 
@@ -304,6 +277,8 @@ class RecorderNode(RigNode):
         if recording is None:
             return
         trial = Trial.from_message(message)
+        paced = _TAKE_PERIOD_LOCKSTEP if self._lockstep else _TAKE_PERIOD_REALTIME
+        self._take_timer.timer_period_ns = int(1e9 * (paced if trial.phase == Trial.RUNNING else _TAKE_PERIOD))
         if trial.under_way:
             self._recorded_uid = trial.uid
             if trial.phase == Trial.RUNNING:
@@ -314,24 +289,16 @@ class RecorderNode(RigNode):
             return
         recording.follow(trial)
         if trial.ended:
-            self._settled_at = -1
-            self._settled_ticks = -1
+            self._end_watch.restart()
             self._settle.reset()
 
     def _check_settled(self) -> None:
-        """Close once everything is here and nothing more comes, or nothing has come for long enough."""
+        """Close the bag of a trial that has ended, when it has all of it."""
+        self._take()
         recording = self.recording
         if recording is None or recording.trial is None:
             self._settle.cancel()
-            return
-        quiet = recording.writer.messages == self._settled_at
-        self._settled_at = recording.writer.messages
-        if recording.ticks_received() != self._settled_ticks:
-            # A machine that is behind still brings what is missing: the limit is one of silence.
-            self._settled_ticks = recording.ticks_received()
-            self._deadline = _now() + self.config.settle_limit
-        late = _now() >= self._deadline
-        if (quiet and (recording.complete() or recording.trial.phase == Trial.ABORTED)) or late:
+        elif self._end_watch.settled(recording):
             self.close(f"trial {'finished' if recording.trial.phase == Trial.FINISHED else 'aborted'}")
 
     # -- the bag -----------------------------------------------------------------------------------------------------
@@ -351,6 +318,7 @@ class RecorderNode(RigNode):
 
     def _watch(self) -> None:
         """Once a second: bring the bag to the disk, and see whether clock and publishers are as they were."""
+        self._take()
         recording = self.recording
         jump = self._wall_clock.jump()
         gone = self._publishers_watched.look(self.matched())
@@ -369,16 +337,7 @@ class RecorderNode(RigNode):
         trial = recording.trial
         if gone and (trial is None or trial.under_way):
             self.get_logger().warning(f"no longer published: {', '.join(gone)}")
-        self._close_if_abandoned(recording)
-
-    def _close_if_abandoned(self, recording: Recording) -> None:
-        """A trial whose pacemaker has vanished is never said to have ended."""
-        trial, ticks = recording.trial, recording.ticks_received()
-        if trial is None or not trial.under_way or self._trial_topic not in self._publishers_watched.gone:
-            self._abandoned = None
-        elif self._abandoned is None or self._abandoned[0] != ticks:
-            self._abandoned = ticks, _now() + self.config.settle_limit
-        elif _now() >= self._abandoned[1]:
+        if self._end_watch.abandoned(recording, gone=self._trial_topic in self._publishers_watched.gone):
             self.close(f"the publisher of {self._trial_topic} vanished during the trial")
 
     def _fail(self, error: BagError) -> None:
@@ -389,10 +348,17 @@ class RecorderNode(RigNode):
 
     def close(self, reason: str = "closed on request") -> None:
         """Close the bag and say so on ``recorder/state``. Idempotent; a fault is logged and published, not raised."""
+        if self.recording is not None and self.recording.writer.error is None and self.context.ok():
+            # What has come before this moment belongs to it.
+            self._take()
         recording = self.recording
         if recording is None or recording.writer.closed:
             return
         self._reason = reason
+        for data in self._reports.values():
+            with contextlib.suppress(MalformedError):
+                report = decode(data, NodeReport)
+                recording.note_answers(report.armed_uid, report.ticks_done, report.publishes)
         # By now it is what it was in the trial; where the bag was opened, perhaps not yet.
         recording.writer.set_custom_data({"scheduling": scheduling()})
         try:

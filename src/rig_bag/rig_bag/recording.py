@@ -146,8 +146,14 @@ class Recording:
 
     def _advance(self) -> None:
         """Every per-tick topic is beyond the progress: move it to the slowest of them."""
-        progress = min(ticks.newest for ticks in self._gating)
-        self._behind = sum(ticks.newest <= progress for ticks in self._gating)
+        progress, behind = self._gating[0].newest, 0
+        for ticks in self._gating:
+            newest = ticks.newest
+            if newest < progress:
+                progress, behind = newest, 1
+            elif newest == progress:
+                behind += 1
+        self._behind = behind
         if progress > self.progress:
             self.progress = progress
             self._advances += 1

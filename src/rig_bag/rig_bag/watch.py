@@ -1,11 +1,14 @@
-"""What a recorder looks at once a second: whether wall time has jumped, and whether publishers have vanished."""
+"""What a recorder looks at beside messages: whether wall time has jumped, publishers have vanished, a trial is over."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
 
-__all__ = ["PublisherWatch", "SteadyWallClock"]
+from rig_bag.recording import Recording
+from rig_bag.trial import Trial
+
+__all__ = ["EndWatch", "PublisherWatch", "SteadyWallClock"]
 
 #: [ns] Between the two clocks' readings a stalled machine may let this pass.
 _TOLERANCE = 50_000_000
@@ -50,3 +53,41 @@ class PublisherWatch:
         self.gone = (self.gone | set(lost)) - there
         self._there = there
         return lost
+
+
+class EndWatch:
+    """When the recording of a trial can be closed. A machine that is behind still brings what is missing: the limit
+    [s] is one of silence, counted from the last tick that came.
+    """
+
+    def __init__(self, limit: float, now: Callable[[], float] = time.monotonic) -> None:
+        self._limit, self._now = limit, now
+        self._deadline = 0.0
+        self._messages = self._ticks = -1
+
+    def restart(self) -> None:
+        """Something has been said of the trial: from now on there must be silence."""
+        self._messages = self._ticks = -1
+
+    def settled(self, recording: Recording) -> bool:
+        """Of an ended trial: whether everything is here and nothing more comes, or nothing has come for long enough."""
+        assert recording.trial is not None
+        quiet = recording.writer.messages == self._messages
+        self._messages = recording.writer.messages
+        late = self._silent(recording)
+        return late or (quiet and (recording.complete() or recording.trial.phase == Trial.ABORTED))
+
+    def abandoned(self, recording: Recording, *, gone: bool) -> bool:
+        """Of a trial under way whose pacemaker is ``gone`` and never says that it has ended: the same."""
+        if recording.trial is None or not recording.trial.under_way:
+            return False
+        if not gone:
+            self._ticks = -1
+        return gone and self._silent(recording)
+
+    def _silent(self, recording: Recording) -> bool:
+        ticks = recording.ticks_received()
+        if ticks != self._ticks:
+            self._ticks = ticks
+            self._deadline = self._now() + self._limit
+        return self._now() >= self._deadline
