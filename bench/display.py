@@ -7,6 +7,7 @@ same machine, so the loop shares the processors with a browser that draws in sof
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 import os
 import socket
@@ -104,12 +105,16 @@ class Watcher:
         return TrialState.PHASE_IDLE if self.monitor.trial is None else self.monitor.trial.phase
 
 
-def _until(condition: Any, graph: GraphProcess, pause: Any = time.sleep) -> None:
+def _until(condition: Any, graph: GraphProcess, watcher: Watcher, page: Any = None, pause: float = 0.02) -> None:
     end = time.monotonic() + LIMIT
     while not condition():
         if graph.exit_code is not None or time.monotonic() > end:
-            raise BenchError(f"the graph did not come so far; it said:\n{graph.last_words()}")
-        pause(0.02)
+            shown = "" if page is None else f"; the page shows: {page.locator('#veil').inner_text()!r}"
+            raise BenchError(
+                f"the graph did not come so far; the trial: {watcher.monitor.progress()}{shown}; "
+                f"the graph said:\n{graph.last_words()}"
+            )
+        time.sleep(pause) if page is None else page.wait_for_timeout(1e3 * pause)
 
 
 @contextmanager
@@ -133,7 +138,7 @@ def _graph(port: int | None) -> Iterator[tuple[GraphProcess, Watcher]]:
 
 def _simulated() -> Trial:
     with _graph(None) as (graph, watcher):
-        _until(lambda: watcher.monitor.over, graph)
+        _until(lambda: watcher.monitor.over, graph, watcher)
         assert watcher.monitor.trial is not None
         return Trial(watcher.monitor.trial.missed_deadlines)
 
@@ -143,14 +148,13 @@ def _person(browser: Any, watchers: int) -> Trial:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     with _graph(port) as (graph, watcher), _page(browser) as page:
-        _until(lambda: _listens(port), graph)
+        _until(lambda: _listens(port), graph, watcher)
         with Crowd(port, watchers) if watchers else nullcontext():
             page.goto(f"http://127.0.0.1:{port}/")
             page.get_by_role("button", name="Take control").click()
             page.get_by_role("button", name="Start").click()
-            _until(lambda: watcher.phase >= TrialState.PHASE_RUNNING, graph, lambda s: page.wait_for_timeout(1e3 * s))
-            _drag(page, watcher)
-            _until(lambda: watcher.monitor.over, graph, lambda s: page.wait_for_timeout(1e3 * s))
+            _until(lambda: watcher.phase >= TrialState.PHASE_RUNNING, graph, watcher, page)
+            _drag(page, watcher, graph)
             said = watcher.monitor.values["/rig/display"]
             assert watcher.monitor.trial is not None
             pointer = {stage: _percentiles(page.evaluate(f"window.{stage}")) for stage in ("told", "sent")}
@@ -177,18 +181,20 @@ def _listens(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def _drag(page: Any, watcher: Watcher) -> None:
+def _drag(page: Any, watcher: Watcher, graph: GraphProcess) -> None:
     """Drag to and fro until the trial is over."""
     box = page.locator("#view").bounding_box()
     reach = 0.24 * min(box["width"], box["height"])
     x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.move(x, y)
     page.mouse.down()
-    for step in range(10**6):
-        if watcher.monitor.over:
-            break
-        page.mouse.move(x + round(0.9 * reach * math.sin(0.05 * step)), y)
-        page.wait_for_timeout(5)
+    steps = itertools.count()
+
+    def over() -> bool:
+        page.mouse.move(x + round(0.9 * reach * math.sin(0.05 * next(steps))), y)
+        return watcher.monitor.over
+
+    _until(over, graph, watcher, page, 0.005)
     page.mouse.up()
 
 

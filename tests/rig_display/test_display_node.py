@@ -214,6 +214,27 @@ def test_an_operator_and_nobody_else_chooses_whose_session_is_next(bench: Callab
     assert asked == [("demo", "S1"), ("demo", "S2")]
 
 
+def test_who_is_quicker_than_the_graph_is_waited_for(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    operator = web.page(at.node, operator=True)
+    # Before the node is served at all, and before it has found who serves.
+    at.node.executor = None
+    operator.say("session", do="pause")
+    operator.say("feedback", on=True)
+    at.until(lambda: operator.status.get("feedback", False))
+    timers = len(list(at.node.timers))
+    at.node.executor = at.graph.executor
+    at.until(lambda: len(list(at.node.timers)) > timers)
+    assert operator.notes == []
+    called = serve(at.graph, (topics.PAUSE_SERVICE,))
+    at.until(lambda: bool(operator.notes))
+    assert (called, operator.notes[-1]["text"]) == ([topics.PAUSE_SERVICE], "so be it")
+    # Where nobody ever serves it, it is said.
+    operator.say("session", do="repeat")
+    at.until(lambda: len(operator.notes) == 2)
+    assert f"nobody serves {topics.REPEAT_SERVICE}" in operator.notes[-1]["text"]
+
+
 def test_a_fault_of_the_graph_is_shown_and_released(bench: Callable[..., Any], web: Web) -> None:
     at = bench()
     cleared = serve(at.graph, (topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +11,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.client import Client
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from mig_interfaces.srv import AbortTrial, ChooseSession, StartTrial
@@ -18,6 +21,9 @@ from rig_runtime.node import RigNode
 __all__ = ["FILTER", "GraphDesk"]
 
 FILTER = "mig_filter"
+
+#: [s] How long a service is waited for, and how often it is looked for meanwhile.
+_PATIENCE, _RETRY = 5.0, 0.05
 
 Done = Callable[[bool, str], None]
 
@@ -91,14 +97,30 @@ class GraphDesk:
         self._getter.call_async(GetParameters.Request(names=["mode", "target"])).add_done_callback(read)
 
     def _ask(self, client: Client[Any, Any], request: Any, done: Done, read: Callable[[Any], tuple[bool, str]]) -> None:
-        def ask() -> None:
-            if not client.service_is_ready():
-                done(False, f"nobody serves {client.srv_name}; is the graph complete?")
-                return
-            client.call_async(request).add_done_callback(lambda future: done(*read(future.result())))
+        limit = time.monotonic() + _PATIENCE
 
-        executor = self._node.executor
-        if executor is None:
-            done(False, "the display is not being served")
-        else:
-            executor.create_task(ask)
+        def ask(timer: Timer | None = None) -> None:
+            ready = client.service_is_ready()
+            if not ready and time.monotonic() < limit:
+                # Somebody was quicker than the nodes are in finding each other.
+                if timer is None:
+                    timer = node.create_timer(_RETRY, lambda: ask(timer), clock=node.steady)
+                return
+            if timer is not None:
+                node.destroy_timer(timer)
+            if ready:
+                client.call_async(request).add_done_callback(lambda future: done(*read(future.result())))
+            else:
+                done(False, f"nobody serves {client.srv_name}; is the graph complete?")
+
+        def hand_over() -> None:
+            # The pages are there a moment before the node is served.
+            if node.executor is not None:
+                node.executor.create_task(ask)
+            elif time.monotonic() < limit:
+                threading.Timer(_RETRY, hand_over).start()
+            else:
+                done(False, "the display is not being served")
+
+        node = self._node
+        hand_over()
