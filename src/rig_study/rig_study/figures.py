@@ -102,13 +102,19 @@ def criterion(trial: RecordedTrial) -> str:
     for number, (name, colour) in enumerate(zip(VERDICTS, VERDICT_COLOURS, strict=True)):
         chosen = trial.verdict == number
         ax.plot(trial.time[chosen], trial.criterion[chosen], ".", ms=2, color=colour, label=name)
-    finite = np.abs(trial.criterion[np.isfinite(trial.criterion)])
-    ax.set_yscale("symlog", linthresh=float(np.median(finite)) if finite.size and np.median(finite) > 0 else 1.0)
+    _linear_around_zero(ax, trial.criterion)
     ax.axhline(0.0, color=LINES[0], lw=0.8)
     ax.set_xlabel("trial time [s]")
     label(ax, "criterion", "unit of the cost")
     figure.legend(loc="outside upper right", ncols=3, frameon=False, markerscale=5)
     return svg(figure)
+
+
+def _linear_around_zero(ax: Axes, values: np.ndarray) -> None:
+    """A logarithmic scale that is linear up to the power of ten above the median, so that no labels meet at zero."""
+    sizes = np.abs(values[np.isfinite(values)])
+    median = float(np.median(sizes)) if sizes.size else 0.0
+    ax.set_yscale("symlog", linthresh=10.0 ** np.ceil(np.log10(median)) if median > 0 else 1.0)
 
 
 def timing(trial: RecordedTrial) -> str:
@@ -145,8 +151,7 @@ def counterfactual(derived: Rederived, title: str) -> str:
     )
     for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", LINES[1])):
         axes[0].plot(time, values["criterion"], ".", ms=2, color=colour, label=name)
-    finite = np.abs(recorded["criterion"][np.isfinite(recorded["criterion"])])
-    axes[0].set_yscale("symlog", linthresh=float(np.median(finite)) if finite.size and np.median(finite) > 0 else 1.0)
+    _linear_around_zero(axes[0], recorded["criterion"])
     axes[0].axhline(0.0, color=LINES[0], lw=0.8)
     label(axes[0], "criterion", "unit of the cost")
     for ax, values, name in ((axes[1], recorded, "recorded"), (axes[2], other, "this filter")):
@@ -154,16 +159,18 @@ def counterfactual(derived: Rederived, title: str) -> str:
         ax.set_yticks([])
         ax.set_ylabel(name)
     # A user that is noise has verdicts too short to be seen; how many of them differ, and when, can be.
-    width = max(1, round(_WINDOW / sample))
-    differs = np.convolve(recorded["verdict"] != other["verdict"], np.full(width, 100.0 / width), "same")
-    axes[3].fill_between(time, differs, color=LINES[0], lw=0.0, alpha=0.6)
+    window = np.ones(max(1, min(round(_WINDOW / sample), len(time))))
+    # At the begin and the end of the trial the window holds fewer.
+    there = np.convolve(np.ones(len(time)), window, "same")
+    differs = np.convolve(recorded["verdict"] != other["verdict"], window, "same") / there
+    axes[3].fill_between(time, 100.0 * differs, color=LINES[0], lw=0.0, alpha=0.6)
     axes[3].set_ylim(0.0, 100.0)
     label(axes[3], f"other verdicts\nwithin {_WINDOW} s", "%")
     names, units = derived.inputs.trial.control_names, derived.inputs.trial.control_units
     for index, ax in enumerate(axes[4:]):
         for values, name, colour in ((recorded, "recorded", "#888888"), (other, "this filter", LINES[1])):
             ax.step(time, values["applied_control"][:, index], where="post", color=colour, lw=0.8, label=name)
-        label(ax, f"applied {names[index]}", units[index])
+        label(ax, f"applied\n{names[index]}", units[index])
     axes[-1].set_xlabel("trial time [s]")
     lines, labels = axes[0].get_legend_handles_labels()
     patches: list[Any] = [
