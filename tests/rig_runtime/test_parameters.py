@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 import yaml
-from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from rig_runtime.node import RigNode
@@ -84,6 +85,28 @@ def test_a_bad_change_is_refused_and_changes_nothing(single_graph: Any, name: st
     assert not result.successful
     assert name in result.reason
     assert node.parameters.get(Config) == Config()
+
+
+def test_a_change_of_what_is_not_the_rigs_is_none_of_its_business(single_graph: Any) -> None:
+    node = make(single_graph)
+    assert node.set_parameters([Parameter("use_sim_time", value=False)])[0].successful
+    assert node.parameters.get(Config) == Config()
+
+
+@pytest.mark.parametrize("service", [SetParameters, SetParametersAtomically])
+def test_a_value_of_a_type_that_there_is_not_is_refused_and_ends_nothing(single_graph: Any, service: Any) -> None:
+    node = make(single_graph)
+    name = "set_parameters" + ("_atomically" if service is SetParametersAtomically else "")
+    good = Parameter("gain", value=4.0).to_parameter_msg()
+    strange = ParameterMessage(name="mode", value=ParameterValue(type=200))
+    answer = single_graph.call(service, f"/rig/node/{name}", service.Request(parameters=[good, strange]))
+    results = answer.results if service is SetParameters else [answer.result]
+    assert len(results) == (2 if service is SetParameters else 1)
+    assert not any(result.successful for result in results)
+    assert all(result.reason == "'mode': there is no type 200; nothing was changed" for result in results)
+    assert node.parameters.get(Config) == Config()
+    answer = single_graph.call(service, f"/rig/node/{name}", service.Request(parameters=[good]))
+    assert node.parameters.get(Config).gain == 4.0
 
 
 def test_all_values_come_in_one_answer_and_a_dump_of_them_loads_again(single_graph: Any, tmp_path: Path) -> None:

@@ -36,6 +36,16 @@ def test_each_missing_thing_is_named() -> None:
     assert "/b waits for a publisher of /x" in gate_with([ring()[0], lonely]).missing(1)
 
 
+def test_a_node_that_has_vanished_must_report_again() -> None:
+    gate = gate_with(ring())
+    gate.forget("/b")
+    gate.forget("/nobody")
+    assert gate.missing(1) == ["/b has not reported"]
+    assert gate.slowest(["/b", "/a"], 0) == "/b has never reported"
+    gate.put(ring()[1])
+    assert gate.missing(1) == []
+
+
 def test_a_second_reader_must_be_matched_too() -> None:
     gate = ReadinessGate(["/a", "/b", "/recorder"])
     for report in [*ring(), Report("/recorder", 1, "", {}, {"/x": 1, "/y": 1})]:

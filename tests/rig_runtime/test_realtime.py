@@ -13,6 +13,7 @@ import pytest
 
 from rig_bringup.provision import doctor
 from rig_bringup.up import scheduling
+from rig_runtime import realtime
 from rig_runtime.realtime import RealtimeError, Settings, memory_refusal, release_fifo, request_fifo
 
 #: Settings in a process that has imported what it needs and may then have lost every privilege.
@@ -85,6 +86,30 @@ def test_what_is_refused_is_an_error_if_required() -> None:
     result = apply("unprivileged", RIG_REALTIME="require")
     assert result.returncode != 0
     assert result.stderr.startswith("RIG_REALTIME=require, but no SCHED_FIFO: ")
+
+
+def test_limits_are_counted_as_limits_conf_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(realtime.resource, "getrlimit", lambda kind: (65536, 65536))
+    assert realtime.limit("memlock") == "64"
+    assert realtime.limit("rtprio") == "65536"
+    monkeypatch.setattr(realtime.resource, "getrlimit", lambda kind: 2 * (realtime.resource.RLIM_INFINITY,))
+    assert realtime.limit("memlock") == realtime.limit("rtprio") == "unlimited"
+
+
+def test_a_kernel_that_refuses_is_quoted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(realtime.os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(realtime.resource, "getrlimit", lambda kind: (0, 0))
+    process = realtime.Realtime(Settings("auto"))
+    process.before_middleware()
+    refusal = "no SCHED_FIFO: Operation not permitted (limit rtprio 0, wanted 20)"
+    assert process.refused == [refusal]
+    assert process.describe().endswith(f"; {refusal}")
+    assert capsys.readouterr().err == f"rig_runtime: {refusal}; ./rig doctor says how to allow it\n"
+    with pytest.raises(RealtimeError, match="RIG_REALTIME=require, but no SCHED_FIFO"):
+        realtime.Realtime(Settings("require")).before_middleware()
 
 
 def test_processors_are_chosen() -> None:

@@ -80,3 +80,19 @@ def test_what_waits_for_its_state_is_bounded() -> None:
     for stamp in range(1, 6):
         matcher.put_right(stamp, stamp, 0)
     assert matcher.overflows == 2
+
+
+def test_a_new_trial_begins_with_nothing_of_the_one_before() -> None:
+    matcher: TickMatcher[str, str] = TickMatcher()
+    matcher.put_left(5, "state", 0)
+    matcher.put_right(5, "wrench", 0)
+    matcher.put_right(4, "late", 0)
+    matcher.put_left(7, "open", 0)
+    matcher.put_right(8, "early", 0)
+    assert matcher.late == 1
+    assert matcher.waiting
+    matcher.reset()
+    assert (matcher.late, matcher.duplicates, matcher.overflows, matcher.waiting) == (0, 0, 0, False)
+    assert matcher.expire(1) == []
+    # Stamps of the trial before are free again, and the early wrench is none of this trial's.
+    assert [tick.right for tick in [*matcher.put_left(8, "state", 0), *matcher.put_right(8, "mine", 0)]] == ["mine"]

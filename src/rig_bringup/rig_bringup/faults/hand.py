@@ -45,6 +45,8 @@ class Hand(RigNode):
         #: How often each tick was decided, and why, in the present trial.
         self.decided: Counter[int] = Counter()
         self.reasons: dict[int, int] = {}
+        #: [s] The longest that a decision took.
+        self.slowest = 0.0
         #: Stamps [ns] of all decisions since the present bag was begun.
         self.heard: set[int] = set()
         #: Every force that a command has held [N].
@@ -75,6 +77,7 @@ class Hand(RigNode):
         self.states.clear()
         self.decided.clear()
         self.reasons.clear()
+        self.slowest = 0.0
         self.commanded.clear()
 
     # -- what it does --------------------------------------------------------------------------------------------
@@ -137,6 +140,7 @@ class Hand(RigNode):
         self.decided[decision.tick] += 1
         self.heard.add(from_stamp(decision.header.stamp))
         self.reasons[decision.tick] = decision.reason
+        self.slowest = max(self.slowest, decision.compute_time)
 
     def _on_motion(self, motion: Any) -> None:
         self.motions.append(Heard(time.monotonic(), motion.tick, motion.force.x))

@@ -1,0 +1,114 @@
+"""`run`: bad parameters are one sentence, signals end a node cleanly, a step back of the clock is noticed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.executors import SingleThreadedExecutor
+
+from rig_runtime import run
+
+
+def start(*arguments: str, **environment_besides: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "user_sim_node.main", "--ros-args", "-r", "__ns:=/rig", *arguments]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(62 + os.getpid() % 30), **environment_besides}
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_a_bad_parameter_ends_the_node_with_one_sentence() -> None:
+    _, said = start("-p", "user:=ghost").communicate(timeout=120)
+    assert "error: node /rig/user_sim: user" in said
+    assert "Traceback" not in said
+
+
+def test_a_scheduling_that_is_none_ends_the_node_with_one_sentence() -> None:
+    process = start(RIG_REALTIME="always")
+    _, said = process.communicate(timeout=120)
+    assert said == "error: RIG_REALTIME=always is not known; it must be one of off, auto, require\n"
+    assert process.returncode == 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("threads_of_libraries", ["1", "2"])
+def test_a_signal_at_start_or_later_ends_it_without_a_trace(number: signal.Signals, threads_of_libraries: str) -> None:
+    process = start(OPENBLAS_NUM_THREADS=threads_of_libraries)
+    deadline = time.monotonic() + 120.0
+    while not _takes_signals(process.pid) and process.poll() is None:
+        assert time.monotonic() < deadline
+    process.send_signal(number)
+    _, said = process.communicate(timeout=120)
+    assert "Traceback" not in said
+    assert process.returncode == 0
+
+
+def _takes_signals(pid: int) -> bool:
+    """Whether `run` has begun: it catches SIGTERM, the second of the two."""
+    with Path(f"/proc/{pid}/status").open(encoding="ascii") as status:
+        caught = next(line for line in status if line.startswith("SigCgt")).split()[1]
+    return bool(int(caught, 16) & 1 << (signal.SIGTERM - 1))
+
+
+def test_an_executor_that_is_none_is_refused(single_graph: Any) -> None:
+    with pytest.raises(ValueError, match="'multi' is not known; it must be one of events, single"):
+        run.make_executor(single_graph.context, "multi")
+
+
+def test_where_the_fast_executor_does_not_serve_the_reference_does(
+    single_graph: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Deaf(SingleThreadedExecutor):
+        def spin_until_future_complete(self, *_: Any, **__: Any) -> None:
+            """Serve nothing."""
+
+    monkeypatch.setattr(run, "EventsExecutor", Deaf)
+    executor = run.make_executor(single_graph.context)
+    assert type(executor) is SingleThreadedExecutor
+    assert "using the single-threaded one" in capsys.readouterr().err
+    executor.shutdown()
+
+
+def test_waiting_ends_with_the_condition_or_the_limit(single_graph: Any) -> None:
+    looks = iter((False, False, True))
+    assert run.wait_until(lambda: next(looks), single_graph.executor, 60.0)
+    assert not run.wait_until(lambda: False, single_graph.executor, 0.05)
+
+
+def test_a_step_back_of_the_wall_clock_is_noticed_and_one_forward_is_none() -> None:
+    """In a process of its own: whoever watches does so until the end."""
+    code = """
+import threading, time, types
+from rig_runtime import run
+
+looks, step, stepped, looked = 0, 0, threading.Event(), threading.Condition()
+
+def sleep(seconds):
+    global looks
+    time.sleep(seconds)
+    with looked:
+        looks += 1
+        looked.notify_all()
+
+def looks_twice_more():
+    with looked:
+        wanted = looks + 2
+        assert looked.wait_for(lambda: looks >= wanted, 60.0)
+
+clock = {"sleep": sleep, "monotonic_ns": time.monotonic_ns, "time_ns": lambda: time.time_ns() + step}
+run.time = types.SimpleNamespace(**clock)
+run.watch_clock(stepped.set)
+looks_twice_more()
+step = 3600 * 10**9
+looks_twice_more()
+assert not stepped.is_set()
+step = 0
+assert stepped.wait(60.0)
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
