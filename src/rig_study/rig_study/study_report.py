@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,8 @@ _STYLE = """
  table { border-collapse: collapse; margin: .7rem 0 1.4rem } caption { text-align: left; font-weight: 600 }
  th, td { padding: .15rem 1.4rem .15rem 0; text-align: right; border-bottom: 1px solid #ddd;
           white-space: nowrap }
- th:first-child, td:first-child { text-align: left; white-space: normal } th { color: #555; font-weight: 500 }
+ th:first-child, td:first-child { text-align: left; white-space: normal; min-width: 8rem }
+ th { color: #555; font-weight: 500 }
  .wide { overflow-x: auto }
  figure { margin: 0 0 1rem } svg { max-width: 100%; height: auto } figcaption, .note { color: #555; max-width: 60rem }
 """
@@ -73,7 +74,8 @@ def _study(trials: pd.DataFrame, study: Mapping[str, Any], out: Path) -> Iterato
         "Holm's method), * p < 0.05, ** p < 0.01, *** p < 0.001."
     )
     yield _figure(figures.group_bars(means, dict(study)), out, "groups", "Groups and sets", caption)
-    yield "<h2>Means over subjects (SD)</h2>" + _means(means)
+    filtered = set(zip(*(trials[trials["mode"] != "off"][column] for column in ("group", "set")), strict=True))
+    yield "<h2>Means over subjects (SD)</h2>" + _means(means, filtered)
     yield f"<h2>What the tests rest on</h2><p class='note'>{_RESTS}</p>"
     for key, title in (
         ("mixed_anova", "Group between subjects, set within them (mixed analysis of variance)"),
@@ -145,17 +147,18 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return f"<div class='wide'><table><tr>{top}{body}</table></div>"
 
 
-def _means(means: pd.DataFrame) -> str:
-    """A row for each group and set."""
+def _means(means: pd.DataFrame, filtered: Collection[tuple[str, str]]) -> str:
+    """A row for each group and set; PRA where there was a filter."""
     measures = [name for name in (*MEASURES, "pra") if name in means]
     rows = []
     for (group, set_), its in means.groupby(["group", "set"]):
-        spread = "" if len(its) == 1 else " ({:.3f})"
-        cells = (f"{its[name].mean():.3f}" + spread.format(its[name].std()) for name in measures)
+        cells = (
+            "-" if name == "pra" and (group, set_) not in filtered
+            else f"{its[name].mean():.3f}" + (f" ({its[name].std():.3f})" if len(its) > 1 else "")
+            for name in measures
+        )  # fmt: skip
         rows.append((f"{group}, {set_}", len(its), *cells))
-    units = {**MEASURES, "pra": ("PRA", "")}
-    head = ("group, set", "subjects", *(" ".join(units[name]).strip() for name in measures))
-    return _table(head, rows)
+    return _table(("group, set", "subjects", *map(figures.named, measures)), rows)
 
 
 def _p(value: float | None) -> str:
