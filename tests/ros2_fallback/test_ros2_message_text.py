@@ -10,7 +10,15 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PolygonStamped, PoseWithCovarianceStamped, Vector3, Wrench, WrenchStamped
+from geometry_msgs.msg import (
+    Point32,
+    Polygon,
+    PolygonStamped,
+    PoseWithCovarianceStamped,
+    Vector3,
+    Wrench,
+    WrenchStamped,
+)
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosidl_parser.definition import AbstractNestedType, AbstractString, Array, BoundedSequence, NamespacedType
@@ -102,7 +110,8 @@ def test_yaml_form() -> None:
     assert to_yaml(joints).splitlines()[5:] == [
         *("name:", "- x", "- y", "position:", "- 1.0", "- .nan", "velocity:", "- 1.0e-05", "- -.inf", "effort: []"),
     ]
-    assert to_yaml(Vector3(x=1.0), flow_style=True) == "{x: 1.0, y: 0.0, z: 0.0}\n"
+    assert to_yaml(Vector3(x=1.0), flow_style=True) == "x: 1.0\ny: 0.0\nz: 0.0\n"
+    assert to_yaml(Polygon(points=[Point32(x=1.0)]), flow_style=True) == "points: [{x: 1.0, y: 0.0, z: 0.0}]\n"
 
 
 def test_yaml_shortened() -> None:

@@ -48,7 +48,14 @@ def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
+def _represent_fields(dumper: yaml.SafeDumper, fields: Mapping[str, Any]) -> yaml.Node:
+    # Without a style of its own: a line a field in flow style too, but in a list that is on one line.
+    pairs = [(dumper.represent_data(name), dumper.represent_data(value)) for name, value in fields.items()]
+    return yaml.MappingNode("tag:yaml.org,2002:map", pairs)
+
+
 _Dumper.add_representer(str, _represent_text)
+_Dumper.add_representer(dict, _represent_fields)
 
 
 def _fields(message: Any) -> list[tuple[str, Any]]:
@@ -64,21 +71,20 @@ def to_yaml(
     no_str: bool = False,
     flow_style: bool = False,
 ) -> str:
-    """The message as YAML, a line a field (with `flow_style`: on one line), ending with a line break.
+    """The message as YAML, a line a field (with `flow_style`: lists on one line), ending with a line break.
 
     Args:
         message: any ROS message.
         truncate_length: arrays, bytes and strings longer than this end with ``...``; None: all is shown.
         no_arr: show the type and the length of arrays instead of their elements.
         no_str: show the length of strings instead of their text.
-        flow_style: braces and brackets instead of lines.
+        flow_style: lists in brackets instead of lines.
     """
     text: str = yaml.dump(
         to_plain(message, truncate_length=truncate_length, no_arr=no_arr, no_str=no_str),
         Dumper=_Dumper,
         allow_unicode=True,
         default_flow_style=flow_style,
-        sort_keys=False,
         width=sys.maxsize,
     )
     return text

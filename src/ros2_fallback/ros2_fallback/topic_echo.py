@@ -46,7 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-arr", action="store_true", help="do not show what is in arrays")
     parser.add_argument("--no-str", action="store_true", help="do not show what is in strings")
-    parser.add_argument("--flow-style", action="store_true", help="show each message on one line of YAML")
+    parser.add_argument("--flow-style", action="store_true", help="show lists on one line, in brackets")
     parser.add_argument("--no-lost-messages", action="store_true", help="do not report lost messages")
     parser.add_argument("--raw", action="store_true", help="show the serialised bytes")
     parser.add_argument(
