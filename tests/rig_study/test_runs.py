@@ -135,6 +135,14 @@ def test_a_list_of_grids_is_one_after_the_other(tmp_path: Path) -> None:
             load_sweep(path)
 
 
+def test_every_shipped_sweep_is_allowed() -> None:
+    files = sorted((Path(__file__).parents[2] / "config" / "sweeps").glob("*.yaml"))
+    assert len(files) > 10
+    for file in files:
+        sweep = load_sweep(file)
+        assert len({job.key for job in sweep_jobs(sweep)}) == len(sweep.points) * sweep.config.trials
+
+
 def test_a_trace_is_the_state_now_and_then(tmp_path: Path) -> None:
     (job,) = montecarlo_jobs_short(1)
     (row,) = run([job], tmp_path, workers=1)

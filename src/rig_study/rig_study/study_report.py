@@ -97,6 +97,11 @@ def _conditions(trials: pd.DataFrame, out: Path) -> Iterator[str]:
     by = [column for column in trials.columns if "." in column and not column.startswith("trace")]
     # What is the same in all conditions tells none from another.
     by = [column for column in by if trials[column].nunique(dropna=False) > 1] or by[:1]
+    count = trials.groupby(by, dropna=False).ngroups if by else 0
+    for column in [column for column in by if trials[column].nunique() == 1]:
+        others = [other for other in by if other != column]
+        if others and trials.groupby(others, dropna=False).ngroups == count:
+            by = others
     by = by or [column for column in ("scenario",) if column in trials]
     trials = trials.assign(
         **{column: trials[column].astype(object).where(trials[column].notna(), "-") for column in by}
