@@ -97,7 +97,7 @@ def test_it_records_what_is_published(graph: Any, tmp_path: Path, task_state: Ca
         follow_trial=False,
         per_tick_topics=["task/state"],
     )
-    assert recorder.topics_wanted() == ("/rig/task/state", "/text", "/rig/latched", "/rig/late")
+    assert recorder.intake.wanted == ("/rig/task/state", "/text", "/rig/latched", "/rig/late")
     assert recorder.matched()["/rig/late"] == 0
     graph.until(_matched(recorder, states, texts, latched))
     sent = [task_state(tick) for tick in range(20)]

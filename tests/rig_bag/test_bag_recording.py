@@ -13,10 +13,11 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from mig_interfaces.msg import TaskState, TrialState
+from mig_interfaces.msg import NodeReport, TaskState, TrialState
 from rig_bag import BagWriter, messages
 from rig_bag.mcap_scan import scan
 from rig_bag.recording import Recording, Stream, Trial
+from rig_bag.watch import Answers
 
 EPOCH = 1_000_000_000_000
 STEP = 10_000_000
@@ -195,6 +196,21 @@ def test_what_publishers_say_that_they_sent_is_in_the_account(make: Callable[...
     account = rig.account()
     answered = {name: json.loads(account[f"ticks {name}"])["answered"] for name in ("/state", "/wrench", "/yes|/no")}
     assert answered == {"/state": None, "/wrench": 5, "/yes|/no": None}
+
+
+def test_the_newest_report_of_each_node_says_what_it_has_answered(make: Callable[..., Rig]) -> None:
+    rig, answers = make(), Answers()
+    rig.follow(TrialState.PHASE_RUNNING)
+    for node, topic, ticks in (("/rig/a", "/state", 3), ("/rig/b", "/wrench", 2), ("/rig/a", "/state", 4)):
+        report = NodeReport(node=node, armed_uid=1, ticks_done=ticks, publishes=[topic])
+        answers.keep(bytes(serialize_message(report)))
+    for data in (b"", b"\0\1\0\0", bytes(serialize_message(report))[:18]):
+        answers.keep(data)
+    answers.tell(rig.recording)
+    rig.follow(TrialState.PHASE_FINISHED, 5)
+    account = rig.account()
+    answered = {name: json.loads(account[f"ticks {name}"])["answered"] for name in ("/state", "/wrench")}
+    assert answered == {"/state": 4, "/wrench": 2}
 
 
 def test_an_aborted_trial_owes_no_answer_to_its_last_tick(make: Callable[..., Rig]) -> None:

@@ -7,7 +7,6 @@ run and loses nothing.
 from __future__ import annotations
 
 import atexit
-import contextlib
 import datetime
 import sys
 import time
@@ -29,7 +28,7 @@ from rig_bag.opening import open_bag, place_of
 from rig_bag.qos import load_overrides
 from rig_bag.recording import Recording, Stream, Trial
 from rig_bag.selection import Selection
-from rig_bag.watch import EndWatch, PublisherWatch, SteadyWallClock
+from rig_bag.watch import Answers, EndWatch, PublisherWatch, SteadyWallClock
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
@@ -44,9 +43,8 @@ _SEARCH_PERIOD = 0.05  # [s] between looks for publishers while a listed topic h
 _WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and between flushes
 _TAKE_PERIOD = 0.02  # [s] between two looks for messages
 _TAKE_PERIOD_REALTIME = 0.1  # [s] the same while a trial is paced by wall time: nobody waits for what is recorded
-_TAKE_PERIOD_LOCKSTEP = 0.002  # [s] and while one runs as fast as it can: the pacemaker waits for progress
+_TAKE_PERIOD_LOCKSTEP = 0.003  # [s] and while one runs as fast as it can: the pacemaker waits for progress
 _SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
-_NAME = 12  # [bytes] before the node's name in a serialised report: byte order and stamp
 _now = time.monotonic
 _wall = time.time_ns
 
@@ -75,7 +73,7 @@ class RecorderNode(RigNode):
         #: What takes a message of these topics; of the others it is only recorded.
         self._special: dict[str, Callable[[bytes, int], None]] = {}
         self._taking = False
-        self._reports: dict[bytes, bytes] = {}
+        self._answers = Answers()
         self._wall_clock = SteadyWallClock(_wall)
         self._publishers_watched = PublisherWatch()
         self._recorded_uid = 0
@@ -100,7 +98,7 @@ class RecorderNode(RigNode):
             for group in config.per_tick_topics
             if group
         ]
-        self._intake = self._make_intake()
+        self.intake = self._make_intake()
         announced = topics.RECORDER_STATE
         self._publisher = self.create_publisher(announced.type, announced.name, announced.qos)
         self._state = RecorderState()
@@ -156,7 +154,7 @@ class RecorderNode(RigNode):
         # From the first moment on a bag that is cut says what it is of.
         writer.flush()
         self.recording = recording
-        self._reports.clear()
+        self._answers = Answers()
         self._reason = ""
         self._publish_state()
         self.get_logger().info(f"recording to {self.path}")
@@ -166,22 +164,18 @@ class RecorderNode(RigNode):
     @property
     def subscriptions(self) -> Iterator[Subscription]:
         """Those that an executor serves; from the others this node takes by itself."""
-        intake = getattr(self, "_intake", None)
+        intake = getattr(self, "intake", None)
         return (each for each in super().subscriptions if intake is None or not intake.owns(each))
-
-    def topics_wanted(self) -> tuple[str, ...]:
-        """Fully qualified names of the topics that are listed (those of a pattern are not known in advance)."""
-        return self._intake.wanted
 
     def matched(self) -> dict[str, int]:
         """How many publishers each wanted or subscribed topic is matched with; 0 before it is subscribed."""
-        return self._intake.matched()
+        return self.intake.matched()
 
     def make_report(self) -> NodeReport:
         report = super().make_report()
         # Of the listed topics, those of the loop must have a publisher before a trial starts; others may never get one.
         names = {name for group in self.config.per_tick_topics for name in group.split("|") if name}
-        needed = {self.resolve_topic_name(name) for name in names} & set(self.topics_wanted())
+        needed = {self.resolve_topic_name(name) for name in names} & set(self.intake.wanted)
         matched = {topic: count for topic, count in self.matched().items() if topic in needed}
         report.subscribes, report.matched_publishers = list(matched), list(matched.values())
         if self.recording is None and (self.failed or not self._splits):
@@ -204,8 +198,8 @@ class RecorderNode(RigNode):
     # -- topics ------------------------------------------------------------------------------------------------------
 
     def _look_for_publishers(self) -> None:
-        if not self.closed.done() and self._intake.look():
-            if self._intake.selection.empty:
+        if not self.closed.done() and self.intake.look():
+            if self.intake.selection.empty:
                 self._search.cancel()
             else:
                 self._search.timer_period_ns = int(_WATCH_PERIOD * 1e9)
@@ -230,7 +224,7 @@ class RecorderNode(RigNode):
         # The bag's own time: a log whose times go back could not be played.
         special, clock = self._special, self._wall_clock
         try:
-            for received, topic, data in self._intake.take():
+            for received, topic, data in self.intake.take():
                 if topic in special:
                     special[topic](data, received + clock.offset)
                 else:
@@ -248,11 +242,15 @@ class RecorderNode(RigNode):
 
     def _take_report(self, data: bytes, received: int) -> None:
         self._record(self._report_topic, data, received)
-        # The newest of each node, by its name; to take them apart is not worth the ticks' time.
-        self._reports[data[_NAME : _NAME + 4 + int.from_bytes(data[_NAME : _NAME + 4], "little")]] = data
+        self._answers.keep(data)
 
     def _take_trial(self, data: bytes, received: int) -> None:
-        message = decode(data, TrialState)
+        try:
+            message = decode(data, TrialState)
+        except MalformedError as error:
+            self.get_logger().warning(f"{self._trial_topic}: {error}")
+            self._record(self._trial_topic, data, received)
+            return
         if self._splits:
             self._begin_trial(Trial.from_message(message))
         self._record(self._trial_topic, data, received)
@@ -355,10 +353,7 @@ class RecorderNode(RigNode):
         if recording is None or recording.writer.closed:
             return
         self._reason = reason
-        for data in self._reports.values():
-            with contextlib.suppress(MalformedError):
-                report = decode(data, NodeReport)
-                recording.note_answers(report.armed_uid, report.ticks_done, report.publishes)
+        self._answers.tell(recording)
         # By now it is what it was in the trial; where the bag was opened, perhaps not yet.
         recording.writer.set_custom_data({"scheduling": scheduling()})
         try:
