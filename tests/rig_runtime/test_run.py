@@ -35,6 +35,17 @@ def test_a_scheduling_that_is_none_ends_the_node_with_one_sentence() -> None:
     assert process.returncode == 2
 
 
+def test_security_that_cannot_be_had_is_one_sentence_and_never_a_node_without_it(tmp_path: Path) -> None:
+    """Whether this middleware has DDS-Security or not: there are no keys."""
+    keys = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_KEYSTORE": str(tmp_path)}
+    process = start(**keys, ROS_SECURITY_ENCLAVE_OVERRIDE="/rig")
+    said, complaint = process.communicate(timeout=120)
+    assert said == ""
+    begin = "error: the middleware does not start: failed to initialize rcl: SECURITY ERROR: "
+    assert complaint == f"{begin}directory '{tmp_path}/enclaves/rig' does not exist\n"
+    assert process.returncode == 2
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("threads_of_libraries", ["1", "2"])
 def test_a_signal_at_start_or_later_ends_it_without_a_trace(number: signal.Signals, threads_of_libraries: str) -> None:

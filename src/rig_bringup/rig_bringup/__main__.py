@@ -43,6 +43,14 @@ def main() -> int:
         # Where there is more to say, the command says it and returns the same.
         print("interrupted", file=sys.stderr)
         return 130
+    except RuntimeError as error:
+        # The middleware's own error; its name serves, so that no command pays for rclpy that does not use it.
+        if type(error).__name__ != "RCLError":
+            raise
+        from rig_runtime.run import refusal_of_middleware
+
+        print(f"error: {refusal_of_middleware(error)}", file=sys.stderr)
+        return 2
     return code
 
 

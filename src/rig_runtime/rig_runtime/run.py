@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import sys
 import threading
@@ -18,12 +19,18 @@ from collections.abc import Callable, Sequence
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from rig_runtime.node import RigNode
 from rig_runtime.realtime import Realtime, RealtimeError, Settings
 from shared_control.parameters import ParameterError
+
+RCLError: type[RuntimeError] = rclpy_implementation.RCLError
+
+#: Where in its sources the middleware has found something wrong.
+_PLACES = re.compile(r"[.,]* at /[^\s,]+:\d+")
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -114,18 +121,22 @@ class _SignalTaker:
 def run(*factories: NodeFactory, args: Sequence[str] | None = None, executor: str | None = None) -> int:
     """Make the nodes, spin them on one executor and return the exit code.
 
-    `args` are the process's own, ROS arguments included (default: `sys.argv`). A parameter that is not allowed is
-    reported in one sentence, exit code 2. `RIG_EXECUTOR` chooses the executor where the call does not; what
-    `rig_runtime.realtime` reads from the environment is applied.
+    `args` are the process's own, ROS arguments included (default: `sys.argv`). A parameter that is not allowed, or a
+    middleware that refuses (no keys for its security), is reported in one sentence, exit code 2. `RIG_EXECUTOR` chooses
+    the executor where the call does not; what `rig_runtime.realtime` reads from the environment is applied.
     """
     signals = _SignalTaker()
     nodes: list[RigNode] = []
     try:
         realtime = Realtime(Settings.from_environment())
         realtime.before_middleware()
-        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
-        for factory in factories:
-            nodes.append(factory())
+        try:
+            rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+            for factory in factories:
+                nodes.append(factory())
+        except RCLError as error:
+            print(f"error: {refusal_of_middleware(error)}", file=sys.stderr)
+            return 2
         with realtime.suspended():
             for node in nodes:
                 node.prepare()
@@ -137,6 +148,12 @@ def run(*factories: NodeFactory, args: Sequence[str] | None = None, executor: st
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def refusal_of_middleware(error: RuntimeError) -> str:
+    """In one sentence, without the places in sources that nobody here has."""
+    words = " ".join(str(error).split())
+    return f"the middleware does not start: {_PLACES.sub('', words)}"
 
 
 def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, kind: str) -> int:
