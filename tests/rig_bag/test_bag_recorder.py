@@ -293,6 +293,23 @@ def test_an_old_trial_does_not_end_a_new_bag(
     assert recorder.closed.result() == "trial aborted"
 
 
+def test_a_trial_that_cannot_be_is_counted_and_ends_nothing(
+    single_graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]
+) -> None:
+    graph = single_graph
+    loop = Loop(graph, trial_state)
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"))
+    graph.until(_matched(recorder, loop.trial))
+    for phase, data in ((200, None), (TrialState.PHASE_RUNNING, b"short")):
+        before = recorder.refused
+        loop.trial.publish(data or trial_state(phase, 0, uid=1))
+        graph.until(lambda before=before: recorder.refused == before + 1)
+    loop.announce(TrialState.PHASE_RUNNING)
+    loop.announce(TrialState.PHASE_ABORTED)
+    graph.until(recorder.closed.done)
+    assert recorder.closed.result() == "trial aborted"
+
+
 def test_patterns_and_types_that_are_not_there(single_graph: Any, tmp_path: Path) -> None:
     graph = single_graph
     publishers = {

@@ -226,7 +226,10 @@ class RecorderNode(RigNode):
         try:
             for received, topic, data in self.intake.take():
                 if topic in special:
-                    special[topic](data, received + clock.offset)
+                    try:
+                        special[topic](data, received + clock.offset)
+                    except MalformedError as error:
+                        self.note_refused(topic, error)
                 else:
                     self._record(topic, data, received + clock.offset)
         finally:

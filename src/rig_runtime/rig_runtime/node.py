@@ -104,10 +104,14 @@ class RigNode(Node):
             try:
                 callback(message)
             except MalformedError as error:
-                self.refused += 1
-                self.get_logger().warning(f"{topic}: not taken: {error}", throttle_duration_sec=1.0)
+                self.note_refused(topic, error)
 
         return super().create_subscription(msg_type, topic, take, *args, **kwargs)
+
+    def note_refused(self, topic: str, error: MalformedError) -> None:
+        """Count a message that was malformed and not taken, and say so."""
+        self.refused += 1
+        self.get_logger().warning(f"{topic}: not taken: {error}", throttle_duration_sec=1.0)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **kwargs: Any) -> Any:
         """As rclpy's; but rclpy's own parameter services refuse what has a type that there is not."""
