@@ -265,6 +265,13 @@ def test_missing_cells_are_named() -> None:
         cells(table[table["subject"].isin(["S0", "S1", "S5"])], "y", sets)
 
 
+def test_a_sample_without_spread_is_compared_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
+    found = statistics.two_sample_t([30.0] * 4, [28.0, 29.0, 30.0, 31.0])
+    # By hand: the deviation of the second is 1.290994, its standard error 0.645497; Welch's df are those of the second.
+    assert (found.t, found.df) == pytest.approx((0.5 / 0.6454972, 3.0))
+    assert not recwarn.list
+
+
 def test_what_cannot_be_computed_says_why() -> None:
     for call, says in (
         (lambda: statistics.pearson([1, 2, 3, 4], [1, 2, 3, 4, 5]), "are not pairs"),
