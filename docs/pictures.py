@@ -1,6 +1,7 @@
 """The pictures of the pages in docs/pages, in both themes: `./rig run python docs/pictures.py [FOLDER]`.
 
-The whole graph runs, and the scripted person of the tests pushes; needs Chromium (apt install chromium).
+The commands run as they do for anybody, and the scripted person of the tests pushes; needs Chromium (apt install
+chromium).
 """
 
 from __future__ import annotations
@@ -12,19 +13,24 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "bench")]
+sys.path[:0] = [str(ROOT / "bench")]
 
 from browser import NO_BROWSER, browser_path, chromium  # noqa: E402
-from live_display import LiveRig  # noqa: E402
 from playwright.sync_api import Error  # noqa: E402
 
-from mig_interfaces.msg import TrialState  # noqa: E402
+from rig_study.protocol import load_protocol  # noqa: E402
+from rig_study.session import Session  # noqa: E402
 
 PERSON = (ROOT / "tests" / "rig_display" / "person.js").read_text()
+
+_DRIVER = {"width": 1100, "height": 560}
+_OPERATOR = {"width": 1280, "height": 960}
 
 
 def shoot(page: Any, file: Path) -> None:
@@ -38,85 +44,28 @@ def shoot(page: Any, file: Path) -> None:
     page.emulate_media(color_scheme="light")
 
 
-def begin(rig: LiveRig, browser: Any) -> tuple[Any, Any]:
-    """The driver's page and the operator's, with a trial running."""
-    driver = browser.new_page(viewport={"width": 1100, "height": 560})
-    operator = browser.new_page(viewport={"width": 1280, "height": 860})
-    driver.goto(rig.display.address)
-    operator.goto(f"{rig.display.address}operator")
-    driver.get_by_role("button", name="Take control").click()
-    driver.get_by_role("button", name="Start").wait_for()
-    operator.get_by_label("Subject").fill("S07")
-    operator.get_by_label("Set").fill("first")
-    operator.get_by_label("Trial", exact=True).fill("3")
-    return driver, operator
-
-
-def press(page: Any) -> None:
-    """Press in the picture and keep hold, and note where."""
-    page.evaluate(
-        "document.getElementById('view').addEventListener('pointerdown', (event) =>"
-        " (window.press = { id: event.pointerId, x: event.clientX, y: event.clientY }), { once: true })"
-    )
-    page.mouse.move(550, 330)
-    page.mouse.down()
-
-
-def cart_pendulum(browser: Any, out: Path, folder: Path) -> None:
-    """Ready, in the middle of a swing, and stopped."""
-    filtered: dict[str, Any] = {"/**": {"duration": 30.0}, "/**/mig_filter": {"mode": "assistance"}}
-    with LiveRig(folder, **filtered) as rig:
-        driver, operator = begin(rig, browser)
-        shoot(driver, out / "driver_ready")
-        operator.get_by_role("button", name="Driver sees verdicts").click()
-        operator.get_by_role("button", name="Start").click()
-        rig.until(lambda: rig.trials[-1].phase == TrialState.PHASE_RUNNING, driver)
-        press(driver)
-        driver.evaluate(f"({PERSON})(window.press)")
-        rig.until(lambda: bool(rig.states) and rig.states[-1].time > 5.0, driver)
-        shoot(driver, out / "driver")
-        rig.until(lambda: rig.states[-1].time > 11.0, driver)
-        shoot(operator, out / "operator")
-        driver.keyboard.press("Escape")
-        driver.get_by_text("Emergency stop, pressed by").wait_for()
-        shoot(driver, out / "driver_stopped")
-
-
-def slip(browser: Any, out: Path, folder: Path) -> None:
-    """The other task, ready."""
-    with LiveRig(folder, **{"/**": {"task": "slip", "duration": 30.0}}) as rig:
-        driver, _ = begin(rig, browser)
-        shoot(driver, out / "driver_slip")
-
-
-def session(browser: Any, out: Path, folder: Path) -> None:
-    """A study's session as its command runs it: before the first trial, and during it."""
+@contextmanager
+def pages(browser: Any, *command: str) -> Iterator[tuple[Any, Any]]:
+    """The driver's page, in control, and the operator's, of a command that runs meanwhile."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    command = [sys.executable, "-m", "rig_bringup", "study", "run", "demo", "--subject", "S01", "--display"]
-    command += ["--port", str(port), "--out", str(folder / "study")]
-    environment = {**os.environ, "RIG_REALTIME": "off", "RIG_ROOT": str(ROOT)}
-    led = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    environment = {**os.environ, "RIG_ROOT": str(ROOT)}
+    words = [sys.executable, "-m", "rig_bringup", *command, "--display", "--port", str(port)]
+    rig = subprocess.Popen(words, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     try:
-        driver = browser.new_page(viewport={"width": 1100, "height": 560})
-        operator = browser.new_page(viewport={"width": 1280, "height": 860})
+        driver, operator = browser.new_page(viewport=_DRIVER), browser.new_page(viewport=_OPERATOR)
         for page, path in ((driver, ""), (operator, "operator")):
             page.set_default_timeout(120_000)
-            _open(page, f"http://127.0.0.1:{port}/{path}", led)
+            _open(page, f"http://127.0.0.1:{port}/{path}", rig)
         driver.get_by_role("button", name="Take control").click()
-        driver.get_by_text("Swing the pendulum up").wait_for()
-        shoot(driver, out / "session_driver")
-        operator.locator("#resume:enabled").click()
-        driver.get_by_text("of 30 s").wait_for()
-        while float(driver.locator("#clock").inner_text()) < 2.0:
-            driver.wait_for_timeout(100)
-        press(driver)
-        driver.mouse.move(620, 330)
-        shoot(operator, out / "session_operator")
+        driver.get_by_role("button", name="Leave the seat").wait_for()
+        yield driver, operator
+        for page in (driver, operator):
+            page.close()
     finally:
-        led.send_signal(signal.SIGINT)
-        led.wait(60.0)
+        rig.send_signal(signal.SIGINT)
+        rig.wait(60.0)
 
 
 def _open(page: Any, address: str, served_by: subprocess.Popen[bytes]) -> None:
@@ -130,6 +79,83 @@ def _open(page: Any, address: str, served_by: subprocess.Popen[bytes]) -> None:
             if served_by.poll() is not None or time.monotonic() > end:
                 raise
             page.wait_for_timeout(200)
+
+
+def press(page: Any) -> None:
+    """Press in the picture and keep hold, and note where."""
+    page.evaluate(
+        "document.getElementById('view').addEventListener('pointerdown', (event) =>"
+        " (window.press = { id: event.pointerId, x: event.clientX, y: event.clientY }), { once: true })"
+    )
+    page.mouse.move(550, 330)
+    page.mouse.down()
+
+
+def until(page: Any, seconds: float) -> None:
+    """Wait for a time of the trial, and then until the hand is in force: a busy machine makes it fall silent."""
+    clock, how = page.locator("#clock"), page.locator("#how")
+    while float(clock.inner_text()) < seconds or "warn" in how.get_attribute("class"):
+        page.wait_for_timeout(50)
+
+
+def cart_pendulum(browser: Any, out: Path, folder: Path) -> None:
+    """Ready, in the middle of a swing, and stopped."""
+    command = ("up", "cart_pendulum_noise_assistance", "--no-report", "--out", str(folder / "cart"))
+    with pages(browser, *command) as (driver, operator):
+        driver.get_by_role("button", name="Start").wait_for()
+        shoot(driver, out / "driver_ready")
+        for label, text in (("Subject", "S07"), ("Set", "first"), ("Trial", "3")):
+            operator.get_by_label(label, exact=True).and_(operator.locator("input")).fill(text)
+        operator.get_by_role("button", name="Driver sees verdicts").click()
+        operator.get_by_role("button", name="Start").click()
+        until(driver, 0.1)
+        press(driver)
+        driver.evaluate(f"({PERSON})(window.press)")
+        until(driver, 5.0)
+        shoot(driver, out / "driver")
+        until(driver, 11.0)
+        shoot(operator, out / "operator")
+        driver.keyboard.press("Escape")
+        driver.get_by_text("Emergency stop, pressed by").wait_for()
+        shoot(driver, out / "driver_stopped")
+
+
+def slip(browser: Any, out: Path, folder: Path) -> None:
+    """The other task, ready."""
+    command = ("up", "slip_noise_assistance", "--no-report", "--out", str(folder / "slip"))
+    with pages(browser, *command) as (driver, _):
+        driver.get_by_role("button", name="Start").wait_for()
+        shoot(driver, out / "driver_slip")
+
+
+def session(browser: Any, out: Path, folder: Path) -> None:
+    """A study's sessions: the choice, before the first trial, and during it."""
+    _do("S02", 3, folder / "study")
+    with pages(browser, "study", "run", "--out", str(folder / "study")) as (driver, operator):
+        driver.get_by_text("Your session begins soon").wait_for()
+        operator.locator("#protocol").select_option("demo")
+        operator.locator("#person").select_option("S02")
+        shoot(operator, out / "session_choice")
+        operator.locator("#person").select_option("S01")
+        operator.get_by_role("button", name="Begin").click()
+        driver.get_by_text("Swing the pendulum up").wait_for()
+        shoot(driver, out / "session_driver")
+        operator.locator("#resume:enabled").click()
+        until(driver, 2.0)
+        press(driver)
+        driver.mouse.move(600, 330)
+        until(driver, 2.5)
+        shoot(operator, out / "session_operator")
+
+
+def _do(subject: str, trials: int, folder: Path) -> None:
+    """Have a subject of the demonstration done some trials already."""
+    with Session(load_protocol("demo"), subject, folder / "study_demo" / subject) as done:
+        for _ in range(trials):
+            trial = done.progress.next()
+            assert trial is not None
+            done.start(trial)
+            done.finish(trial, "")
 
 
 def main() -> int:

@@ -246,11 +246,16 @@ function drawGauge() {
   gauge.font(15, 500);
   pen.textBaseline = "bottom";
   pen.textAlign = "center";
-  for (const mark of [-limit, limit]) pen.fillText(`${mark.toFixed(0)} N`, to(mark), height - 1);
-  gauge.font(17, 650);
+  const mark = `${limit.toFixed(0)} N`;
+  const room = right - left - pen.measureText(`-${mark}`).width;
   const both = task.limits[0] && task.limits[hand.upright];
   const up = both ? `   ↑ ${force[hand.upright].toFixed(0)} N` : "";
-  pen.fillText(`${both ? "→ " : ""}${value.toFixed(0)} N${up}`, to(0), height - 1);
+  const text = `${both ? "→ " : ""}${value.toFixed(0)} N${up}`;
+  gauge.font(17, 650);
+  const marked = pen.measureText(text).width < room;
+  pen.fillText(text, to(0), height - 1);
+  gauge.font(15, 500);
+  if (marked) for (const side of [-1, 1]) pen.fillText(side < 0 ? `-${mark}` : mark, to(side * limit), height - 1);
 }
 
 requestAnimationFrame(frame);

@@ -57,6 +57,8 @@ link.addEventListener("ticks", ({ detail }) => {
   }
 });
 link.addEventListener("status", ({ detail }) => {
+  // What was answered is of a moment that has passed.
+  if (status !== null && status.trial.phase !== detail.trial.phase) $("note").textContent = "";
   status = detail;
   show();
 });
@@ -75,6 +77,9 @@ link.addEventListener("closed", () => {
 });
 link.addEventListener("stopping", () => show());
 
+// No session is led yet, and somebody may choose one.
+const waiting = () => status.choosing && status.session === null;
+
 function phase() {
   const silent = "the rig does not answer";
   if (link.stopping && !link.open) return [`stop NOT delivered: ${silent}; it is sent as soon as the link is back`, true];
@@ -82,6 +87,7 @@ function phase() {
   const { trial, countdown, hand, faults } = status;
   if (hand.stopped) return [`stopped by ${hand.stopped}`, true];
   if (faults.length) return [`no force: ${faults.join("; ")}`, true];
+  if (waiting()) return ["waiting for a choice", false];
   if (countdown !== null) return [`starts in ${Math.ceil(countdown)} s`, false];
   if (trial.phase === "arming") return [trial.message || "getting ready", false];
   if (trial.phase === "aborted") return [`aborted: ${trial.message}`, true];
@@ -115,6 +121,7 @@ function show() {
   $("start").disabled = going || driver === null || Boolean(hand.stopped);
   $("abort").disabled = !going;
   $("session").hidden = session === null;
+  $("trial").hidden = waiting();
   // Its conductor names, starts and sets everything.
   const conducted = led || status.choosing;
   $("byHand").hidden = $("start").hidden = conducted;
@@ -139,7 +146,7 @@ function show() {
     ["frames", latency.frames == null ? "–" : `${latency.frames.toFixed(0)} /s`],
     ["watching", String(status.watchers)],
     ["missed deadlines", String(missed), missed > 0],
-    ["recorder", recording(recorder), recorder === null || recorder.lost > 0],
+    ["recorder", recording(recorder), recorder === null ? !waiting() : recorder.lost > 0],
     ["refused", status.refused ? `${status.refused}, last: ${status.refusal}` : "0", status.refused > 0],
   ]);
 }

@@ -6,7 +6,7 @@ export const SIGNS = ["●", "✕", "◆"];
 export function where(trial) {
   const parts = [];
   if (trial.subject) parts.push(trial.subject);
-  if (trial.set) parts.push(`set ${trial.set}`);
+  if (trial.set) parts.push(/^set/i.test(trial.set) ? trial.set : `set ${trial.set}`);
   if (trial.trial) parts.push(`trial ${trial.trial}`);
   return parts.join(" · ");
 }
