@@ -51,8 +51,10 @@ class PageServer:
         self._seat = seat
         self._files = {path.name: path for path in _PAGE.iterdir() if path.suffix in _TYPES}
         self._loop = asyncio.new_event_loop()
-        # The thread is started while the node's own has given up what it holds here; hands come in by it.
-        self._scheduling = os.sched_getscheduler(0), os.sched_getparam(0)
+        # Of the thread by which hands come in: as the node's, which has given it up when the thread starts; just below
+        # it, so that no page is served before a tick.
+        priority = os.sched_getparam(0).sched_priority
+        self._scheduling = os.sched_getscheduler(0), os.sched_param(max(priority - 1, min(priority, 1)))
         self._thread = threading.Thread(target=self._run, name="pages", daemon=True)
         self._started: threading.Event = threading.Event()
         self._error: OSError | None = None
