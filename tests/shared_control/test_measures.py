@@ -39,6 +39,7 @@ def test_the_papers_example():
 def test_upright_at_the_end_is_of_the_last_node_and_knows_no_speed():
     assert cart_pendulum(trajectory((100, 3.0, 0.0), (1, 2.0 * math.pi - 0.39, 9.0)), DT).upright_at_end
     assert not cart_pendulum(trajectory((300, 0.0, 0.0), (1, 0.41, 0.0)), DT).upright_at_end
+    assert cart_pendulum(trajectory((1, -0.4, 0.0)), DT).upright_at_end
 
 
 def test_a_stay_must_last_two_seconds():

@@ -18,6 +18,7 @@ from shared_control.trial import TrialResult
 
 CART_PENDULUM = (
     "success", "time_to_success", "balance_time", "rms_error", "pra", "pra_trial", "cart_excursion",
+    "upright_at_end",
 )  # fmt: skip
 SLIP = ("fell", "fall_time", "override", "mean_speed", "speed_rmse", "speed_correlation")
 

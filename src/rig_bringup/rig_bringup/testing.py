@@ -19,14 +19,17 @@ from rig_bringup.provision.steps import Places, check_command
 TYPED = ("shared_control", "rig_runtime")
 
 
-#: Tests for coverage, and what to add to the environment. A compiled kernel cannot be followed: those that hold kernels
-#: run once more as the ordinary Python that they are written in, which is too slow for the trials of the others.
-COVERAGE = (
+_UNCOMPILED = {"NUMBA_DISABLE_JIT": "1"}
+
+#: What pytest is given for coverage, and what to add to the environment. A compiled kernel cannot be followed: the tests
+#: of kernels run once more on the ordinary Python that these are written in, which is too slow for whole trials.
+COVERAGE: tuple[tuple[tuple[str, ...], dict[str, str]], ...] = (
     (("tests/shared_control",), {}),
     (
         tuple(f"tests/shared_control/test_{name}.py" for name in ("double_integrator", "integrate", "mig", "slip")),
-        {"NUMBA_DISABLE_JIT": "1"},
+        _UNCOMPILED,
     ),
+    (("tests/shared_control/test_controllers.py", "-k", "sac"), _UNCOMPILED),
     (("tests/rig_runtime", "tests/mig_filter_node", "tests/admittance_sim_node", "tests/user_sim_node"), {}),
     (("tests/task_sim_node", "tests/rig_display/test_display_node.py"), {}),
 )
