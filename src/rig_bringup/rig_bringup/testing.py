@@ -21,7 +21,7 @@ TYPED = ("shared_control", "rig_runtime")
 
 _UNCOMPILED = {"NUMBA_DISABLE_JIT": "1"}
 
-#: What pytest is given for coverage, and what to add to the environment. A compiled kernel cannot be followed: the tests
+#: What pytest is given for coverage, and what the environment gets. A compiled kernel cannot be followed: the tests
 #: of kernels run once more on the ordinary Python that these are written in, which is too slow for whole trials.
 COVERAGE: tuple[tuple[tuple[str, ...], dict[str, str]], ...] = (
     (("tests/shared_control",), {}),
