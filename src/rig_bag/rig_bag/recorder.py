@@ -71,7 +71,7 @@ class RecorderNode(RigNode):
         #: Where each topic goes in the bag that is open.
         self._streams: dict[str, Stream] = {}
         #: What takes a message of these topics; of the others it is only recorded.
-        self._special: dict[str, Callable[[bytes, int], None]] = {}
+        self._special: dict[str, Callable[[str, bytes, int], None]] = {}
         self._taking = False
         self._answers = Answers()
         self._wall_clock = SteadyWallClock(_wall)
@@ -225,13 +225,10 @@ class RecorderNode(RigNode):
         special, clock = self._special, self._wall_clock
         try:
             for received, topic, data in self.intake.take():
-                if topic in special:
-                    try:
-                        special[topic](data, received + clock.offset)
-                    except MalformedError as error:
-                        self.note_refused(topic, error)
-                else:
-                    self._record(topic, data, received + clock.offset)
+                try:
+                    special.get(topic, self._record)(topic, data, received + clock.offset)
+                except MalformedError as error:
+                    self.note_refused(topic, error)
         finally:
             self._taking = False
 
@@ -243,20 +240,20 @@ class RecorderNode(RigNode):
             except BagError as error:
                 self._fail(error)
 
-    def _take_report(self, data: bytes, received: int) -> None:
-        self._record(self._report_topic, data, received)
+    def _take_report(self, topic: str, data: bytes, received: int) -> None:
+        self._record(topic, data, received)
         self._answers.keep(data)
 
-    def _take_trial(self, data: bytes, received: int) -> None:
+    def _take_trial(self, topic: str, data: bytes, received: int) -> None:
         try:
             message = decode(data, TrialState)
-        except MalformedError as error:
-            self.get_logger().warning(f"{self._trial_topic}: {error}")
-            self._record(self._trial_topic, data, received)
-            return
+        except MalformedError:
+            # It is recorded too, as it came.
+            self._record(topic, data, received)
+            raise
         if self._splits:
             self._begin_trial(Trial.from_message(message))
-        self._record(self._trial_topic, data, received)
+        self._record(topic, data, received)
         self.follow_trial(message)
         self._on_trial(message)
 
