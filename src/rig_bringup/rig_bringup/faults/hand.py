@@ -54,8 +54,8 @@ class Hand(RigNode):
         self.diagnostics: dict[str, tuple[bytes, dict[str, str]]] = {}
         #: What each node last said of itself there.
         self.said: dict[str, str] = {}
-        #: By bag, what its recorder last said and how many ticks it lacks.
-        self.recorders: dict[str, tuple[str, int]] = {}
+        #: By bag, what its recorder last said.
+        self.recorders: dict[str, RecorderState] = {}
         self.last_good = 0.0
         self.wrenches = self.loop_publisher(topics.WRENCH)
         self.loop_subscription(topics.TASK_STATE, self._on_state)
@@ -146,7 +146,7 @@ class Hand(RigNode):
         self.motions.append(Heard(time.monotonic(), motion.tick, motion.force.x))
 
     def _on_recorder(self, state: RecorderState) -> None:
-        self.recorders[state.uri] = (state.message, state.lost)
+        self.recorders[state.uri] = state
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:

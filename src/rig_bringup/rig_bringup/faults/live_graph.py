@@ -15,7 +15,7 @@ from typing import Any
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from mig_interfaces.msg import TrialState
+from mig_interfaces.msg import RecorderState, TrialState
 from rig_bag import BagError, read
 from rig_bag.repair import repair
 from rig_bag.verify import Verification, verify
@@ -206,11 +206,21 @@ class LiveGraph:
 
     # -- the bag -------------------------------------------------------------------------------------------------
 
+    def recorded(self, bag: Path | None = None) -> RecorderState:
+        """What the recorder of a bag, the present one if left out, has last said of it."""
+        return self.hand.recorders.get(str(bag or self.bags[-1]), RecorderState())
+
     def new_bag(self) -> None:
-        """Begin another bag, whatever became of the one before."""
+        """Begin another bag, whatever became of the one before, and wait until there is something in it on the disk."""
         self.processes["recorder"].stop()
         self.start("recorder")
-        self.wait(lambda: any(self.bags[-1].glob("*.mcap")), "the recorder has not begun another bag")
+
+        def size() -> int:
+            return sum(path.stat().st_size for path in self.bags[-1].glob("*.mcap"))
+
+        self.wait(lambda: self.recorded().messages > 0, "the recorder has not begun another bag")
+        begun = size()
+        self.wait(lambda: size() > begun, "the recorder has brought nothing to the disk")
         self.hand.heard.clear()
 
     def close_bag(self) -> str:

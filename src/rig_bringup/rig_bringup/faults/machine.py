@@ -109,11 +109,11 @@ def _disk_full(graph: LiveGraph, _: int) -> Seen:
         recorder = graph.start_process("recorder", "second_recorder", graph.namespace, uri=str(disk / "bag"))
         try:
             graph.wait(
-                lambda: "space" in graph.hand.recorders.get(str(disk / "bag"), ("", 0))[0],
+                lambda: "space" in graph.recorded(disk / "bag").message,
                 "the recorder does not say that its disk is full",
                 limit=60.0,
             )
-            message, _lost = graph.hand.recorders[str(disk / "bag")]
+            message = graph.recorded(disk / "bag").message
         finally:
             code = recorder.stop()
         if code == 0:

@@ -115,8 +115,6 @@ def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
             remark = graph.repair()
         finally:
             graph.new_bag()
-        # Long enough for something to be on the disk, so that there is something to repair.
-        graph.ticks(150)
     return Seen([], f"{min(repeats, MOST_STARTS)} of {min(repeats, MOST_STARTS)} bags repaired; the last: {remark}")
 
 
@@ -127,7 +125,7 @@ def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
 )
 def _recorder_overrun(graph: LiveGraph, _: int) -> Seen:
     def lost() -> int:
-        return graph.hand.recorders.get(str(graph.bags[-1]), ("", 0))[1]
+        return graph.recorded().lost
 
     before = lost()
     graph.stop("recorder")
