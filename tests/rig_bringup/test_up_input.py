@@ -109,7 +109,7 @@ def test_with_a_person_the_files_of_a_run_name_the_display_and_hold_no_token(tmp
     given = up.parser().parse_args(["--display", "--host", "0.0.0.0", "--port", "9000"])
     checked, _ = up._load(given)
     assert len(given.token) >= 16
-    assert f"?token={given.token}" in up._invitation(checked.display, given)
+    assert f"?token={given.token}" in up.invitation(checked.display, given)
     files = up._write_parameters(tmp_path, tmp_path / "bag", checked)
     texts = "".join(file.read_text() for file in files)
     assert given.token not in texts

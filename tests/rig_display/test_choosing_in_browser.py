@@ -27,10 +27,13 @@ sets: {only: {trials: 2, instructions: Hold it up.}}
 """
 
 
+TOKEN = "a-token-of-the-tests"
+
+
 class Command:
     """`./rig study run --display`, with a folder of protocols beside those of the checkout."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *more: str) -> None:
         protocols = folder / "protocols"
         protocols.mkdir()
         (protocols / "short.yaml").write_text(PROTOCOL)
@@ -41,7 +44,7 @@ class Command:
         self.address = f"http://127.0.0.1:{port}/"
         self.sessions = folder / "out" / "study_short"
         given = {"--port": str(port), "--protocols": str(protocols), "--out": str(folder / "out")}
-        command = [sys.executable, "-m", "rig_bringup", "study", "run", "--display"]
+        command = [sys.executable, "-m", "rig_bringup", "study", "run", "--display", *more]
         self.said = (folder / "said.txt").open("w+")
         self._process = subprocess.Popen(
             [*command, *(part for pair in given.items() for part in pair)],
@@ -84,6 +87,25 @@ def command(tmp_path: Path) -> Iterator[Command]:
         made.interrupt()
 
 
+def test_for_other_machines_the_pages_ask_for_the_token(tmp_path: Path) -> None:
+    command = Command(tmp_path, "--host", "0.0.0.0", "--token", TOKEN)
+    try:
+        with chromium() as browser:
+            context = browser.new_context()
+            context.set_default_timeout(120_000)
+            operator = command.show(context.new_page(), "operator")
+            operator.get_by_text("This page needs a token").wait_for()
+            operator.goto(f"{command.address}operator?token=not-this-token-but-another")
+            operator.get_by_text("not the right one").wait_for()
+            operator.goto(f"{command.address}operator?token={TOKEN}")
+            operator.get_by_text("waiting for a choice").wait_for()
+            operator.locator("#protocol option", has_text="short").wait_for(state="attached")
+            assert TOKEN not in operator.url
+    finally:
+        assert command.interrupt() == 130
+    assert f"operator?token={TOKEN}" in Path(command.said.name).read_text()
+
+
 def test_the_operator_chooses_one_session_after_another_and_resumes_the_first(command: Command) -> None:
     with chromium() as browser:
         context = browser.new_context()
@@ -119,7 +141,7 @@ def test_the_operator_chooses_one_session_after_another_and_resumes_the_first(co
         operator.get_by_text("S01: 1 of 2 trials").wait_for()
         operator.locator("#resume:enabled").click()
         operator.get_by_text("S01: 2 of 2 trials").wait_for()
-        driver.get_by_text("That was the last trial").wait_for()
+        operator.locator("#progress", has_text="done").wait_for()
         # Who is through is not offered again; the next one is.
         person.locator("option", has_text="S01, finished").wait_for(state="attached")
         assert person.input_value() == "S02"

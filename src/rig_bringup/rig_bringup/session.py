@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,8 @@ from ament_index_python.packages import get_package_prefix
 from rig_bringup import scenario
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.interrupts import Interrupts
-from rig_bringup.up import Line, check_free, graph_command, scheduling
+from rig_bringup.up import Line, check_free, graph_command, invitation, placed, scheduling
+from rig_display.parameters import DisplayConfig
 from rig_study import study_cli
 from rig_study.cohort import load_cohort
 from rig_study.declared import StudyError
@@ -74,8 +75,8 @@ class _Setting:
     pacing: str
     compose: bool
     namespace: str = "rig"
-    #: Of the page at which a person pushes.
-    port: int | None = None
+    #: --host, --port and --token of the page at which a person pushes.
+    page: argparse.Namespace | None = None
     #: The virtual subject, trial by trial; none: the scenario's own user, if it is not a person.
     user: Callable[[PlannedTrial], UserConfig] | None = None
     #: What the operator may choose from on the page; none: there is nothing to choose.
@@ -83,14 +84,29 @@ class _Setting:
 
     def invitation(self) -> str:
         """Where the pages are."""
-        return f"driver    http://127.0.0.1:{self.port}/\noperator  http://127.0.0.1:{self.port}/operator"
+        return "" if self.page is None else invitation(vars(self.page), self.page)
+
+    def display(self, values: dict[str, Any]) -> dict[str, Any]:
+        """The display's parameters: the conductor alone starts trials."""
+        return {**placed(values, self.page), "driver_starts": False} if self.page is not None else values
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Of the nodes, with a person; the token is not in their files, which are kept."""
+        return {} if self.page is None else {"RIG_USER": "display", "RIG_DISPLAY_TOKEN": self.page.token or ""}
 
 
 def _run(options: argparse.Namespace) -> int:
     if options.display and options.pacing != "realtime":
         raise StudyError("--display: a person cannot be hurried, so pacing must be realtime, not lockstep")
-    port = options.port if options.display else None
-    setting = _Setting(options.pacing, options.compose, options.namespace, port)
+    if not options.display and any(value is not None for value in (options.port, options.host, options.token)):
+        raise StudyError("--port, --host and --token are for --display; add it")
+    setting = _Setting(options.pacing, options.compose, options.namespace)
+    if options.display:
+        # The same for every session, whatever its scenario says: the pages come back to where they were.
+        display = placed(asdict(DisplayConfig()), options)
+        options.host, options.port = display["host"], display["port"]
+        setting = replace(setting, page=options)
     if options.subject is None:
         return _receive(replace(setting, studies=study_cli.studies(options)))
     if options.protocol is None or options.protocols is not None:
@@ -131,12 +147,12 @@ def _wait_for_choice(setting: _Setting, said: str) -> tuple[int, Choice | None]:
     assert setting.studies is not None
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        # The task is only looked at. The conductor alone starts trials.
-        page = {"/**/display": {"port": setting.port, "driver_starts": False}}
-        (folder / "display.yaml").write_text(scenario.parameter_file(page))
+        # The task is only looked at.
+        page = setting.display(asdict(DisplayConfig()))
+        (folder / "display.yaml").write_text(scenario.parameter_file({"/**/display": page}))
         executable = Path(get_package_prefix("rig_display")) / "lib" / "rig_display" / "display"
         arguments = ["--ros-args", "-r", f"__ns:=/{setting.namespace}", "--params-file", str(folder / "display.yaml")]
-        with GraphProcess([str(executable), *arguments], folder / _LOG, {}) as pages:
+        with GraphProcess([str(executable), *arguments], folder / _LOG, setting.environment) as pages:
             from rclpy import create_node
 
             from rig_study.reception import Reception
@@ -162,10 +178,9 @@ def _session(choice: Choice, setting: _Setting) -> tuple[int, Choice | None]:
         # The graph of a conductor that was killed takes a moment to end.
         check_free(setting.namespace, _ENDING_LIMIT)
         files = _write_parameters(setting, protocol, subject, folder)
-        if setting.port is not None and setting.studies is None:
+        if setting.page is not None and setting.studies is None:
             print(setting.invitation())
-        environment = {"RIG_NAMESPACE": setting.namespace, **scheduling(setting.pacing)}
-        environment |= {"RIG_USER": "display"} if setting.port is not None else {}
+        environment = {"RIG_NAMESPACE": setting.namespace, **scheduling(setting.pacing), **setting.environment}
         command = graph_command(setting.compose, files, setting.namespace)
         try:
             graph = stack.enter_context(GraphProcess(command, folder / _LOG, environment))
@@ -178,11 +193,10 @@ def _session(choice: Choice, setting: _Setting) -> tuple[int, Choice | None]:
 
 def _write_parameters(setting: _Setting, protocol: Protocol, subject: str, folder: Path) -> list[Path]:
     overrides = {"pacing": setting.pacing, "duration": protocol.study.duration}
-    person = setting.port is not None
+    person = setting.page is not None
     checked = scenario.load(protocol.study.scenario, overrides, person=person)
     if checked.display is not None:
-        # The conductor alone starts trials.
-        checked.display.update(port=setting.port, driver_starts=False)
+        checked = replace(checked, display=setting.display(checked.display))
     if setting.user is not None:
         # Of the trials that follow only the skill is another one.
         user = setting.user(protocol.plan(subject)[0])
@@ -223,7 +237,7 @@ def _lead(session: Session, graph: GraphProcess, setting: _Setting) -> tuple[int
     def make(**context: Any) -> ConductorNode:
         return ConductorNode(
             session,
-            wait_for_person=setting.port is not None,
+            wait_for_person=setting.page is not None,
             skill=(lambda trial: user(trial).skill) if user is not None else None,
             studies=setting.studies,
             namespace=setting.namespace,

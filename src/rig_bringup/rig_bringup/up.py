@@ -97,7 +97,8 @@ def main(argv: Sequence[str], sampler: Sampler = lambda graph: None) -> int:
     files = _write_parameters(out, bag, checked)
     loop = checked.loop
     if checked.display is not None:
-        print(_invitation(checked.display, arguments), flush=True)
+        print(invitation(checked.display, arguments), flush=True)
+        print("Take control and press Start; the trial waits for it.", flush=True)
     print(f"{checked.scenario.name}: {loop.duration:g} s, {loop.pacing}, seed {loop.seed}, in {out}", flush=True)
     code = _run(arguments, files, out, loop.pacing, sampler)
     return _finish(bag, out, code, report=not arguments.no_report)
@@ -146,13 +147,22 @@ def _check_display(arguments: argparse.Namespace) -> None:
 
 
 def _place_display(checked: Checked, arguments: argparse.Namespace) -> Checked:
-    """The display's address from the command line on top of the scenario's, and a token where one is needed."""
     if checked.display is None:
         return checked
     if checked.loop.pacing != "realtime":
         raise ScenarioError("--display: a person cannot be hurried, so pacing must be realtime, not lockstep")
+    return replace(checked, display=placed(checked.display, arguments))
+
+
+def placed(display: dict[str, Any], arguments: argparse.Namespace) -> dict[str, Any]:
+    """The display's address from the command line on top of a scenario's; `arguments` get a token where one is needed.
+
+    Raises
+    ------
+    ScenarioError: an address, a port or a token that is not allowed.
+    """
     given = {"host": arguments.host, "port": arguments.port}
-    display = {**checked.display, **{key: value for key, value in given.items() if value is not None}}
+    display = {**display, **{key: value for key, value in given.items() if value is not None}}
     from rig_display.gate import Gate, is_loopback
 
     if arguments.token is None and not is_loopback(display["host"]):
@@ -162,18 +172,15 @@ def _place_display(checked: Checked, arguments: argparse.Namespace) -> Checked:
         Gate(display["host"], arguments.token or "")
     except ParameterError as error:
         raise ScenarioError(str(error)) from None
-    return replace(checked, display=display)
+    return display
 
 
-def _invitation(display: dict[str, Any], arguments: argparse.Namespace) -> str:
+def invitation(display: dict[str, Any], arguments: argparse.Namespace) -> str:
+    """Where the pages are that are placed so, with the token that they need."""
     host = socket.gethostname() if display["host"] in ("0.0.0.0", "::") else display["host"]  # noqa: S104
     address = f"http://{f'[{host}]' if ':' in host else host}:{display['port']}"
     end = f"?token={quote(arguments.token)}" if arguments.token else ""
-    return (
-        f"driver    {address}/{end}\n"
-        f"operator  {address}/operator{end}\n"
-        "Take control and press Start; the trial waits for it."
-    )
+    return f"driver    {address}/{end}\noperator  {address}/operator{end}"
 
 
 def _make_folder(given: Path | None, name: str) -> Path:

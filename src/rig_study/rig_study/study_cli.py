@@ -42,7 +42,11 @@ def parser() -> argparse.ArgumentParser:
     session.add_argument("--protocols", type=Path, metavar="DIR", help="a folder whose protocols are offered too")
     session.add_argument("--out", type=Path, help="folder of the study's sessions (under runs/)")
     session.add_argument("--display", action="store_true", help="a person at the browser page, not the simulated user")
-    session.add_argument("--port", type=int, default=8600, help="of the page, on this machine (%(default)s)")
+    session.add_argument("--port", type=int, metavar="N", help="port of the page (8600)")
+    session.add_argument("--host", metavar="ADDR", help="address to listen on (127.0.0.1); any other needs the token")
+    session.add_argument(
+        "--token", metavar="T", help="what a browser elsewhere must know (made and printed if not given)"
+    )
     session.add_argument("--pacing", choices=("realtime", "lockstep"), default="realtime")
     session.add_argument("--compose", action="store_true", help="all nodes in one process")
     session.add_argument("--namespace", default="rig", help="stands in front of every topic (%(default)s)")
