@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -129,6 +130,16 @@ def test_slip_that_follows():
     for options in ({"wanted_speed": wanted[1:]}, {"action": np.ones(5)}):
         with pytest.raises(ParameterError):
             slip(states, DT, **options)
+
+
+def test_a_correlation_with_a_constant_is_none_and_no_warning():
+    still, varying = np.full(11, 0.7), np.linspace(0.0, 1.0, 11)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for speed, wanted in ((still, varying), (varying, still), (still, still), (still[:1], still[:1])):
+            states = np.zeros((len(speed), 5))
+            states[:, 1], states[:, 2] = speed, 1.0
+            assert math.isnan(slip(states, DT, wanted_speed=wanted).speed_correlation)
 
 
 def test_a_trial_without_a_tick_has_measures():

@@ -188,7 +188,7 @@ def slip(
             raise ParameterError(f"wanted_speed: shape {wanted.shape} is not allowed; it must be ({ticks + 1},)")
         wanted = wanted[: until + 1]
         rmse = float(np.sqrt(np.mean((speed - wanted) ** 2)))
-        if until > 0 and np.ptp(wanted) > 0.0 and np.ptp(speed) > 0.0:
+        if np.ptp(wanted) > 0.0 and np.ptp(speed) > 0.0:
             correlation = float(np.corrcoef(speed, wanted)[0, 1])
     return SlipMeasures(
         fell=bool(len(fallen)),
