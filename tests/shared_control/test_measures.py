@@ -126,6 +126,7 @@ def test_slip_that_follows():
     assert found.speed_rmse == pytest.approx(0.1)
     assert found.speed_correlation == pytest.approx(1.0)
     assert math.isnan(slip(states, DT).speed_rmse)
+    assert slip(states, DT, wanted_speed=2.0 - wanted).speed_correlation == pytest.approx(-1.0)
     assert slip(states, DT, fall_height=1.0).fall_time == 0.0
     for options in ({"wanted_speed": wanted[1:]}, {"action": np.ones(5)}):
         with pytest.raises(ParameterError):
