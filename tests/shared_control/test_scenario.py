@@ -9,6 +9,7 @@ import pytest
 
 from shared_control import scenario, tasks
 from shared_control.scenario import ScenarioError
+from shared_control.users import presets
 
 CONFIG = Path(scenario.__file__).resolve().parents[3] / "config"
 SHIPPED = sorted(path for task in tasks.names() for path in CONFIG.glob(f"{task}_*.yaml"))
@@ -39,6 +40,7 @@ def test_shipped(path):
 def test_shipped_exist():
     modes, others = ("assistance", "training", "off"), ("low_skill", "skilled")
     wanted = {f"{task}_noise_{mode}" for task in ("cart_pendulum", "slip") for mode in modes}
+    wanted |= {f"cart_pendulum_{user}_{mode}" for user in presets.SKILLED for mode in modes}
     wanted |= {f"slip_{user}_{mode}" for user in others for mode in ("assistance", "off")}
     assert wanted <= {p.stem for p in SHIPPED}
 

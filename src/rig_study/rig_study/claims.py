@@ -15,7 +15,7 @@ from rig_study.runs import Job
 from shared_control import scenario as science
 from shared_control import tasks
 from shared_control.scenario import Scenario
-from shared_control.users.presets import PRESETS
+from shared_control.users.presets import SKILLED
 
 __all__ = ["CART", "FIRST_SEED", "MAP", "SLIP", "Claim", "jobs", "scenario"]
 
@@ -54,11 +54,11 @@ def _cart(mode: str, *wanted: Bound, seeds: int = 100, **changes: Any) -> Claim:
 
 
 def _skilled(preset: str, mode: str, spread: float) -> Claim:
-    changes = {"user_sim.user": "mpc", "user_sim.preset": preset, "task_sim.initial_sd": [spread] * 4}
+    changes = {"task_sim.initial_sd": [spread] * 4} if spread else {}
     wanted = [all_of("inverted")]
     if mode != "off":
         wanted.append(at_most("rejected", 0.01 if spread == 0.0 else 0.05))
-    return Claim(f"cart_pendulum_noise_{mode}", changes, 1 if spread == 0.0 else 20, tuple(wanted))
+    return Claim(f"cart_pendulum_{preset}_{mode}", changes, 1 if spread == 0.0 else 20, tuple(wanted))
 
 
 _INVERTED, _FELL = all_of("inverted"), none_of("fell")
@@ -84,7 +84,7 @@ CART: dict[str, Claim] = {
     },
     **{
         f"cart/{preset}/{mode}/{'exact' if spread == 0.0 else 'perturbed'} start": _skilled(preset, mode, spread)
-        for preset in PRESETS["cart_pendulum"]
+        for preset in SKILLED
         for mode in ("off", "assistance")
         for spread in (0.0, 0.1)
     },
