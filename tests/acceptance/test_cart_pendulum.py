@@ -59,7 +59,7 @@ def test_skilled_users_succeed_and_are_hardly_stopped(preset):
     for mode in ("off", "assistance"):
         for spread, seeds, most in ((0.0, SEEDS[:1], 0.01), (0.1, SEEDS[:8], 0.05)):
             scenario = changed(
-                load(f"cart_pendulum_{preset}_{mode}"), task={"initial_sd": (spread,) * 4}, loop={"duration": 10.0}
+                load(f"cart_pendulum_{preset}_{mode}"), task={"initial_sd": (spread,) * 4}, loop={"duration": 20.0}
             )
             results = run_trials(scenario, seeds, workers=2)
             assert all(result.measures.success for result in results)

@@ -58,7 +58,7 @@ def _skilled(preset: str, mode: str, spread: float) -> Claim:
     wanted = [all_of("inverted")]
     if mode != "off":
         wanted.append(at_most("rejected", 0.01 if spread == 0.0 else 0.05))
-    return Claim(f"cart_pendulum_{preset}_{mode}", changes, 1 if spread == 0.0 else 20, tuple(wanted))
+    return Claim(f"cart_pendulum_{preset}_{mode}", changes, 1 if spread == 0.0 else 100, tuple(wanted))
 
 
 _INVERTED, _FELL = all_of("inverted"), none_of("fell")
