@@ -152,6 +152,9 @@ def _map() -> Iterator[tuple[str, Claim]]:
         *slip, "mig_filter", horizon=[0.6, 0.7, 0.8, 1.0, 1.2], adjoint_along=["nominal"],
         target={f"height {z} m": [0.0, 0.0, z, 0.0, 0.0] for z in (1.1, 1.2, 1.4)},
         state_weights={"a fifth": [0.0, 0.0, 10.0, 0.0, 0.0], "speed too": [0.0, 5.0, 50.0, 0.0, 0.0]},
+        controller_state_weights={
+            "height alone": [0.0, 0.0, 50.0, 0.0, 0.0], "four times on the speed": [0.0, 2.0, 50.0, 0.0, 0.0],
+        },
     )  # fmt: skip
     yield from _neighbours(*slip, "user_sim", noise_sd=[[5.0, 2.5], [10.0, 3.3], [30.0, 15.0]])
     yield from _neighbours(
