@@ -31,7 +31,11 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("rows", nargs="*", metavar="ROW", help="names, or beginnings of names; all if left out")
     result.add_argument("--list", action="store_true", help="say what the rows are, and do nothing")
     result.add_argument(
-        "--repeats", type=int, default=1, metavar="N", help="injections of each row that is timed (%(default)s)"
+        "--repeats",
+        type=int,
+        default=1,
+        metavar="N",
+        help="of each row that is timed or kills (%(default)s; 50 kills at most)",
     )
     result.add_argument(
         "--untimed", action="store_true", help="a force that becomes zero too late is shown, and is no failure"
