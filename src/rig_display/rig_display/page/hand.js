@@ -34,7 +34,8 @@ export class Hand {
     element.addEventListener("contextmenu", (event) => event.preventDefault());
     addEventListener("keydown", (event) => this.key(event, true));
     addEventListener("keyup", (event) => this.key(event, false));
-    addEventListener("blur", () => this.drop("out of focus"));
+    // Which of the two events of a page that is hidden comes first is not said anywhere.
+    addEventListener("blur", () => this.drop(document.hidden ? "hidden" : "out of focus"));
     addEventListener("pagehide", () => this.drop("leaving"));
     addEventListener("focus", () => this.look());
     document.addEventListener("visibilitychange", () => this.look());
