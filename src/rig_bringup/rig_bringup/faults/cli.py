@@ -35,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
         type=int,
         default=1,
         metavar="N",
-        help="of each row that is timed or kills (%(default)s; 50 kills at most)",
+        help="injections of each row that is timed or kills (%(default)s; 50 kills at most)",
     )
     result.add_argument(
         "--untimed", action="store_true", help="a force that becomes zero too late is shown, and is no failure"
