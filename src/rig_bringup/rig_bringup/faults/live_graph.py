@@ -7,10 +7,11 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -28,6 +29,11 @@ from rig_runtime.run import make_executor, wait_until
 
 #: [s] How long anything may take that is not measured: starting a node, going on after a fault.
 _PATIENCE = 120.0
+
+#: [s] How long a process may take to end before it is asked again.
+_ENDING = 10.0
+
+T = TypeVar("T")
 
 
 class FaultError(Exception):
@@ -182,6 +188,24 @@ class LiveGraph:
         if not wait_until(condition, self.executor, limit):
             raise FaultError(f"{otherwise} within {limit:g} s; the trial: {self.hand.trial.message or 'no message'}")
 
+    def meanwhile(self, what: Callable[[], T], otherwise: str) -> T:
+        """Do what takes long while the hand goes on: a hand that is deaf loses what does not fit into its queues.
+
+        Raises
+        ------
+        FaultError: it is not done in time.
+        """
+        with ThreadPoolExecutor(1) as beside:
+            done = beside.submit(what)
+            self.wait(done.done, otherwise)
+        return done.result()
+
+    def end(self, process: GraphProcess) -> int:
+        """End what was started while the hand goes on; return its exit code."""
+        process.send_all(signal.SIGINT)
+        wait_until(lambda: process.exit_code is not None, self.executor, _ENDING)
+        return process.stop()
+
     def ticks(self, count: int) -> None:
         """Serve the hand for so many more ticks."""
         begin = len(self.hand.states)
@@ -212,7 +236,7 @@ class LiveGraph:
 
     def new_bag(self) -> None:
         """Begin another bag, whatever became of the one before, and wait until there is something in it on the disk."""
-        self.processes["recorder"].stop()
+        self.end(self.processes["recorder"])
         self.start("recorder")
 
         def size() -> int:
@@ -231,7 +255,7 @@ class LiveGraph:
         ------
         FaultError: the bag is damaged, or lacks a decision that was heard and does not say so.
         """
-        self.processes["recorder"].stop()
+        self.end(self.processes["recorder"])
         bag, topic = self.bags[-1], f"/{self.namespace}/{topics.DECISION.name}"
         try:
             found = verify(bag)
@@ -267,10 +291,10 @@ class LiveGraph:
         ------
         FaultError: it cannot be made, holds nothing, or is not as it should be.
         """
-        self.processes["recorder"].stop()
+        self.end(self.processes["recorder"])
         try:
-            repaired = repair(self.bags[-1])
-            found = verify(repaired.out or self.bags[-1])
+            repaired = self.meanwhile(lambda: repair(self.bags[-1]), "the bag is still being repaired")
+            found = self.meanwhile(lambda: verify(repaired.out or self.bags[-1]), "the bag is still being verified")
         except BagError as error:
             raise FaultError(f"the bag cannot be repaired: {error}") from error
         count = sum(repaired.messages.values())

@@ -12,7 +12,6 @@ import signal
 import struct
 import subprocess
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from mig_interfaces.msg import TrialState
@@ -115,7 +114,7 @@ def _disk_full(graph: LiveGraph, _: int) -> Seen:
             )
             message = graph.recorded(disk / "bag").message
         finally:
-            code = recorder.stop()
+            code = graph.end(recorder)
         if code == 0:
             raise FaultError("the recorder ended as if nothing had been wrong")
         expect_every_tick_once(graph)
@@ -208,12 +207,9 @@ def _without_memory(graph: LiveGraph) -> tuple[int, int]:
         taken = {pid: sum(_take_memory(pid) for _turn in range(10)) for pid in names}
         return sum(amount for pid, amount in taken.items() if names[pid] == "mig_filter")
 
-    # Beside the hand, which goes on.
-    with ThreadPoolExecutor(1) as beside:
-        taken = beside.submit(take)
-        graph.wait(taken.done, "memory is still being taken")
+    taken = graph.meanwhile(take, "memory is still being taken")
     graph.ticks(20)
-    return taken.result(), sum(heard.force == 0.0 for heard in graph.hand.motions)
+    return taken, sum(heard.force == 0.0 for heard in graph.hand.motions)
 
 
 # -- a slow subscriber ---------------------------------------------------------------------------------------------
@@ -239,6 +235,6 @@ def _slow_subscriber(graph: LiveGraph, _: int) -> Seen:
             raise FaultError(f"the robot moved under {sorted(forces)} N")
     finally:
         subscriber.send_all(signal.SIGCONT)
-        subscriber.stop()
+        graph.end(subscriber)
     held = sum(state.held for state in graph.hand.states)
     return Seen([], f"{len(graph.hand.decided)} ticks, {held} held")

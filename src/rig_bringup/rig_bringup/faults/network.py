@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 
@@ -149,10 +148,7 @@ def _lossy(share: float) -> Inject:
 
 def _beside(graph: SplitGraph, share: float) -> str:
     """Change the line while the hand goes on."""
-    with ThreadPoolExecutor(1) as beside:
-        done = beside.submit(graph.line.lose, share)
-        graph.wait(done.done, "the line could not be changed")
-    return done.result()
+    return graph.meanwhile(lambda: graph.line.lose(share), "the line could not be changed")
 
 
 for _name, _share in (("a hundredth", 0.01), ("a tenth", 0.1)):

@@ -108,8 +108,6 @@ def _recorder_stopped(graph: LiveGraph, _: int) -> Seen:
 def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
     remark = ""
     for _ in range(min(repeats, MOST_STARTS)):
-        # While the last bag was repaired the hand heard nothing, and lost what did not fit into its queues.
-        graph.recover()
         graph.hand.forget()
         graph.kill("recorder")
         graph.ticks(100)

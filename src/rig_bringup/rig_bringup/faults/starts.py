@@ -23,7 +23,7 @@ def _interrupted_node(graph: LiveGraph, _: int) -> Seen:
     for node in moments.choices(["task_sim", "mig_filter", "admittance_sim"], k=5):
         process = graph.start_process(node, node, "elsewhere")
         graph.ticks(moments.randrange(1, 200))
-        process.stop()
+        graph.end(process)
         if left := process.left():
             raise FaultError(f"{node} has left processes behind: {left}")
     return Seen([])
@@ -68,7 +68,7 @@ def _second_graph(graph: LiveGraph, _: int) -> Seen:
         if second.exit_code != 2 or "paces" not in second.last_words():
             raise FaultError(f"the second pacemaker ended with {second.exit_code}:\n{second.last_words()}")
     finally:
-        second.stop()
+        graph.end(second)
     log = graph.folder / "second.log"
     with Marked(up(graph.folder / "second", "--namespace", graph.namespace), log) as rig:
         # The hand goes on meanwhile.
