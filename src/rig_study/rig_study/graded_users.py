@@ -20,7 +20,7 @@ __all__ = ["CLAIM", "JUDGE", "WANTED", "figures", "jobs", "sentence"]
 #: The scenario whose filter judges.
 JUDGE = "cart_pendulum_noise_training"
 #: The scenario in which they act, and for how many trials each.
-CLAIM = Claim("cart_pendulum_noise_off", {"user_sim.user": "graded", "user_sim.preset": "economical"}, 10)
+CLAIM = Claim("cart_pendulum_noise_off", {"user_sim.user": "graded", "user_sim.preset": "learner"}, 10)
 WANTED: tuple[Bound, ...] = (at_most("Spearman", -0.8),)
 
 #: How much purpose, how late [s], how wrong about the pendulum's length [m].
