@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -66,17 +67,9 @@ def test_quiet_follows_from_what_is_seen(crowd: Crowd, make: Callable[..., Any])
         assert graph._quiet(QUIET, 0.1) == QUIET_MOST
 
 
-def test_on_a_busy_machine_who_answers_late_is_waited_for(crowd: Crowd, make: Callable[..., Any]) -> None:
+def test_on_a_busy_machine_those_who_answer_late_are_waited_for(crowd: Crowd) -> None:
     crowd(4.0)
-    looks = 0
-
-    def found() -> bool:
-        nonlocal looks
-        looks += 1
-        if looks == 12:  # more than a second later, of which half would do on an idle machine
-            make("late")
-        return "/rig/demo" in graph.node_names()
-
     with Graph(argparse.Namespace()) as graph:
-        assert graph.discover(found)
-        assert {"/rig/demo", "/rig/late"} <= set(graph.node_names())
+        begin = time.monotonic()
+        assert graph.discover(lambda: "/rig/demo" in graph.node_names())
+        assert time.monotonic() - begin >= 4.0 * QUIET
