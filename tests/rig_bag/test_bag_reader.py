@@ -217,6 +217,10 @@ def test_what_is_missing_is_named(bag: Path, tmp_path: Path) -> None:
     (bag / "bag_0.mcap").unlink()
     with pytest.raises(BagError, match=r"bag_0\.mcap"):
         read(bag)
+    metadata = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").write_text(metadata.replace("- bag_0.mcap", "- bag_0.mcap: 1"))
+    with pytest.raises(BagError, match="not the metadata of a rosbag2 bag .*is no text"):
+        info(bag)
     (bag / "metadata.yaml").write_text("a: 1")
     with pytest.raises(BagError, match="not the metadata"):
         info(bag)

@@ -149,8 +149,8 @@ class BagMetadata:
             qos = parse_profiles(offered) if isinstance(offered, str) else tuple(Qos.from_mapping(q) for q in offered)
             topics.append(
                 TopicEntry(
-                    name=topic["name"],
-                    type=topic["type"],
+                    name=_text(topic["name"]),
+                    type=_text(topic["type"]),
                     count=int(entry["message_count"]),
                     qos=qos,
                     type_hash=topic.get("type_description_hash") or "",
@@ -158,7 +158,7 @@ class BagMetadata:
                 )
             )
         return cls(
-            files=tuple(data["relative_file_paths"]),
+            files=tuple(map(_text, data["relative_file_paths"])),
             start=int(data["starting_time"]["nanoseconds_since_epoch"]),
             duration=int(data["duration"]["nanoseconds"]),
             topics=tuple(topics),
@@ -171,7 +171,7 @@ class BagMetadata:
             message_count=int(data["message_count"]),
             parts=tuple(
                 FileEntry(
-                    path=file["path"],
+                    path=_text(file["path"]),
                     start=int(file["starting_time"]["nanoseconds_since_epoch"]),
                     duration=int(file["duration"]["nanoseconds"]),
                     messages=int(file["message_count"]),
@@ -179,6 +179,12 @@ class BagMetadata:
                 for file in data.get("files") or ()
             ),
         )
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r} is no text")
+    return value
 
 
 class _Dumper(yaml.SafeDumper):

@@ -43,9 +43,9 @@ class CohortConfig:
     ceiling_mean: float = parameter(0.6, "Mean of the skill that practice leads to.", ge=0.0, le=1.0)
     ceiling_sd: float = parameter(0.1, "Its standard deviation over subjects.", ge=0.0, le=1.0)
     pace_mean: float = parameter(
-        40.0, "Mean of L, the practice after which 1/e is left to learn.", unit="trials", ge=1.0
+        40.0, "Mean of L, the practice after which 1/e is left to learn.", unit="trials", ge=1.0, le=1e6
     )
-    pace_sd: float = parameter(10.0, "Its standard deviation over subjects.", unit="trials", ge=0.0)
+    pace_sd: float = parameter(10.0, "Its standard deviation over subjects.", unit="trials", ge=0.0, le=1e6)
     trial_sd: float = parameter(0.0, "Standard deviation of the skill from trial to trial.", ge=0.0, le=1.0)
     filtered_practice: float = parameter(
         1.0, "Practice that a trial with filter is worth, in trials without.", unit="trials", ge=0.0, le=100.0
