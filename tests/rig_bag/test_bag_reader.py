@@ -219,7 +219,7 @@ def test_what_is_missing_is_named(bag: Path, tmp_path: Path) -> None:
         read(bag)
     metadata = (bag / "metadata.yaml").read_text()
     (bag / "metadata.yaml").write_text(metadata.replace("- bag_0.mcap", "- bag_0.mcap: 1"))
-    with pytest.raises(BagError, match="not the metadata of a rosbag2 bag .*is no text"):
+    with pytest.raises(BagError, match=r"not the metadata of a rosbag2 bag .*is no text"):
         info(bag)
     (bag / "metadata.yaml").write_text("a: 1")
     with pytest.raises(BagError, match="not the metadata"):
