@@ -19,13 +19,13 @@ def criterion(
     steps: int,
 ) -> float:
     """As in C, argument by argument."""
-    gravity, length = physics[2], physics[3]
-    friction = physics[1] / (physics[0] * length * length)
+    pull, lever = physics[2] / physics[3], 1.0 / physics[3]
+    friction = physics[1] / (physics[0] * physics[3] * physics[3])
 
     def stage(x: Four, u: float) -> tuple[Four, Partials]:
-        s, c = sin(x[0]), cos(x[0])
-        f = (x[1], (gravity * s - u * c) / length - friction * x[1], x[3], u)
-        return f, ((gravity * c + u * s) / length, -c / length)
+        s, c, push = sin(x[0]), cos(x[0]), u * lever
+        f = (x[1], pull * s - push * c - friction * x[1], x[3], u)
+        return f, (pull * c + push * s, -c * lever)
 
     def back(d: Partials, w: Four) -> tuple[Four, float]:
         return (d[0] * w[1], w[0] - friction * w[1], 0.0, w[2]), d[1] * w[1] + w[3]

@@ -14,17 +14,18 @@ static double wrap(double a)
     return a > 0.0 || rest == M_PI ? rest : -rest;
 }
 
-typedef struct { double gravity, length, friction; } Pendulum;
+/* g/h, 1/h, B/(m h^2) */
+typedef struct { double pull, lever, friction; } Pendulum;
 
 static void stage(const Pendulum *p, const double *x, double u, double *f, double *d)
 {
-    double s = sin(x[0]), c = cos(x[0]);
+    double s = sin(x[0]), c = cos(x[0]), push = u * p->lever;
     f[0] = x[1];
-    f[1] = (p->gravity * s - u * c) / p->length - p->friction * x[1];
+    f[1] = p->pull * s - push * c - p->friction * x[1];
     f[2] = x[3];
     f[3] = u;
-    d[0] = (p->gravity * c + u * s) / p->length;
-    d[1] = -c / p->length;
+    d[0] = p->pull * c + push * s;
+    d[1] = -c * p->lever;
 }
 
 static double back(const Pendulum *p, const double *d, const double *w, double *out)
@@ -39,7 +40,7 @@ static double back(const Pendulum *p, const double *d, const double *w, double *
 double criterion(const double *physics, const double *q, const double *target, const double *start, const double *user,
                  double h, int steps)
 {
-    Pendulum p = {physics[2], physics[3], physics[1] / (physics[0] * physics[3] * physics[3])};
+    Pendulum p = {physics[2] / physics[3], 1.0 / physics[3], physics[1] / (physics[0] * physics[3] * physics[3])};
     double x[N], y[N], k[4][N], rho[N], w[N], s[4][N], rho_u = 0.0;
     int i, t;
     for (i = 0; i < N; i++) x[i] = start[i];
@@ -101,7 +102,7 @@ static double weighted(const Problem *m, const double *weights, const double *x)
 static void flow(const Pendulum *p, const double *x, double u, double *f)
 {
     f[0] = x[1];
-    f[1] = (p->gravity * sin(x[0]) - u * cos(x[0])) / p->length - p->friction * x[1];
+    f[1] = p->pull * sin(x[0]) - u * p->lever * cos(x[0]) - p->friction * x[1];
     f[2] = x[3];
     f[3] = u;
 }
@@ -236,7 +237,7 @@ static double change[MAX_STEPS], tried[MAX_STEPS];
 double replacement(const double *physics, const double *q, const double *target, const double *terminal, double weight,
                    double limit, const double *start, double *us, double h, int steps, int iterations, double tolerance)
 {
-    Problem m = {{physics[2], physics[3], physics[1] / (physics[0] * physics[3] * physics[3])},
+    Problem m = {{physics[2] / physics[3], 1.0 / physics[3], physics[1] / (physics[0] * physics[3] * physics[3])},
                  q, terminal, target, weight, h, steps};
     double best = rollout(&m, start, us, 0, 0, 0, 0.0, limit, 0, ours), damping = 0.0;
     for (int t = 0; t < steps; t++) tried[t] = 0.0;

@@ -36,7 +36,8 @@ class CartPendulumParameters(NamedTuple):
 def flow(p: CartPendulumParameters, x: tuple[float, ...], u: tuple[float, ...]) -> tuple[float, ...]:
     """f(x, u)."""
     friction = p.damping / (p.mass * p.length * p.length)
-    return (x[1], (p.gravity * math.sin(x[0]) - u[0] * math.cos(x[0])) / p.length - friction * x[1], x[3], u[0])
+    pull, push = p.gravity / p.length, u[0] / p.length
+    return (x[1], pull * math.sin(x[0]) - push * math.cos(x[0]) - friction * x[1], x[3], u[0])
 
 
 def linearise(
@@ -46,8 +47,10 @@ def linearise(
     s = math.sin(x[0])
     c = math.cos(x[0])
     friction = p.damping / (p.mass * p.length * p.length)
-    f = (x[1], (p.gravity * s - u[0] * c) / p.length - friction * x[1], x[3], u[0])
-    return f, ((p.gravity * c + u[0] * s) / p.length, -c / p.length)
+    # Divided before the sine is known: a chain of nodes waits for each of its operations.
+    pull, push, lever = p.gravity / p.length, u[0] / p.length, 1.0 / p.length
+    f = (x[1], pull * s - push * c - friction * x[1], x[3], u[0])
+    return f, (pull * c + push * s, -c * lever)
 
 
 def partials(p: CartPendulumParameters) -> tuple[float, ...]:
