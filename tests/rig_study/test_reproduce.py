@@ -212,7 +212,7 @@ def test_every_claim_asks_for_figures_that_there_are() -> None:
         "cart_pendulum": {"success": True, "upright_at_end": True, "pra": 0.5, "pra_trial": 0.4, "cart_excursion": 2.0,
                           "time_to_success": 3.0},
         "slip": {"fell": True, "fall_time": 5.5, "override": 0.3, "mean_speed": 1.0, "speed_rmse": float("nan"),
-                 "speed_correlation": float("nan")},
+                 "speed_correlation": float("nan"), "stride_speed_rmse": 0.03, "stride_speed_correlation": 0.99},
     }  # fmt: skip
     for name, claim in {**CART, **SLIP, **MAP}.items():
         (job,) = claim_jobs(name, claim, 1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import statistics
 import warnings
 
 import numpy as np
@@ -131,6 +133,63 @@ def test_slip_that_follows():
     for options in ({"wanted_speed": wanted[1:]}, {"action": np.ones(5)}):
         with pytest.raises(ParameterError):
             slip(states, DT, **options)
+
+
+def test_the_rhythm_of_the_steps_is_no_error_of_the_strides():
+    """0.3 s of stance at 0.8 m/s, 0.2 s of flight at 1.3 m/s: strides of 1 m/s, which is what is wanted."""
+    stood = np.tile([True] * 30 + [False] * 20, 8)[:-9]
+    states = np.zeros((len(stood), 5))
+    states[:, 1], states[:, 2] = np.where(stood, 0.8, 1.3), 1.0
+    states[1:, 0] = np.cumsum(DT * states[:-1, 1])
+    found = slip(states, DT, wanted_speed=np.full(len(stood), 1.0), stance=stood)
+    assert found.stride_speed_rmse == pytest.approx(0.0, abs=1e-12)
+    assert found.speed_rmse == pytest.approx(math.sqrt(np.mean((states[:, 1] - 1.0) ** 2)))
+    faster = slip(states, DT, wanted_speed=np.full(len(stood), 1.1), stance=stood)
+    assert faster.stride_speed_rmse == pytest.approx(0.1)
+    assert math.isnan(faster.stride_speed_correlation)
+
+
+def test_strides_against_a_plain_loop():
+    """Strides of any length, and a runner who falls in the middle of one."""
+    random = np.random.default_rng(5)
+    stood, speed = [], []
+    for _ in range(12):
+        for standing in (True, False):
+            ticks = int(random.integers(8, 40))
+            stood += [standing] * ticks
+            speed += random.normal(0.8, 0.3, ticks).tolist()
+    count, fall = len(stood), len(stood) - 30
+    wanted = [0.8 + 0.5 * math.sin(0.01 * k) for k in range(count)]
+    states = np.zeros((count, 5))
+    states[:, 1], states[:, 2] = speed, 1.0
+    states[fall:, 2] = -0.1
+    for k in range(1, count):
+        states[k, 0] = states[k - 1, 0] + DT * speed[k - 1]
+    found = slip(states, DT, wanted_speed=wanted, stance=stood)
+
+    starts = [k for k in range(1, fall + 1) if stood[k] and not stood[k - 1]]
+    assert len(starts) >= 10
+    means, aims = [], []
+    for first, end in itertools.pairwise(starts):
+        means.append(statistics.fmean(speed[first:end]))
+        aims.append(statistics.fmean((wanted[k] + wanted[k + 1]) / 2 for k in range(first, end)))
+    squares = [(mean - aim) ** 2 for mean, aim in zip(means, aims, strict=True)]
+    assert found.stride_speed_rmse == pytest.approx(math.sqrt(statistics.fmean(squares)))
+    assert found.stride_speed_correlation == pytest.approx(statistics.correlation(means, aims))
+
+
+def test_without_a_whole_stride_there_is_no_speed_of_strides():
+    states = np.zeros((101, 5))
+    states[:, 1], states[:, 2] = 1.0, 1.0
+    wanted, one = np.linspace(0.5, 1.5, 101), np.arange(101) >= 50
+    for stance in (None, np.ones(101, bool), np.zeros(101, bool), one):
+        found = slip(states, DT, wanted_speed=wanted, stance=stance)
+        assert math.isfinite(found.speed_rmse)
+        assert math.isnan(found.stride_speed_rmse)
+        assert math.isnan(found.stride_speed_correlation)
+    assert math.isnan(slip(states, DT, stance=one).stride_speed_rmse)
+    with pytest.raises(ParameterError, match="stance"):
+        slip(states, DT, wanted_speed=wanted, stance=one[1:])
 
 
 def test_a_correlation_with_a_constant_is_none_and_no_warning():

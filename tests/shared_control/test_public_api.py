@@ -21,6 +21,7 @@ CART_PENDULUM = (
     "upright_at_end",
 )  # fmt: skip
 SLIP = ("fell", "fall_time", "override", "mean_speed", "speed_rmse", "speed_correlation")
+SLIP += ("stride_speed_rmse", "stride_speed_correlation")
 
 
 def test_task():

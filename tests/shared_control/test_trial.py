@@ -106,9 +106,10 @@ def test_idle_user_is_never_stopped(scenario):
 def test_only_a_runner_with_a_purpose_has_a_speed_to_keep():
     for name, kept in (("slip_skilled_off", True), ("slip_noise_off", False)):
         runner = load(name)
-        short = dataclasses.replace(runner, loop=dataclasses.replace(runner.loop, duration=0.2))
+        short = dataclasses.replace(runner, loop=dataclasses.replace(runner.loop, duration=2.5))
         measures = run_trial(short, 3).measures
         assert math.isfinite(measures.speed_rmse) == kept
+        assert math.isfinite(measures.stride_speed_rmse) == kept
         assert math.isfinite(measures.mean_speed)
 
 

@@ -35,9 +35,12 @@ def sentence(found: Mapping[str, float], trials: int) -> str:
     if found["fell"] > 0.0:
         said += " (quartiles {:.1f}, {:.1f}, {:.1f} s)".format(*(found[f"fall time p{p}"] for p in (25, 50, 75)))
     said += f"; override {found['override']:.3f}; {found['mean speed']:.3f} m/s"
-    if np.isfinite(found["speed error"]):
-        said += f", {found['speed error']:.3f} m/s RMS from the wanted speed"
-    return said if np.isnan(found["speed correlation"]) else f"{said}, r {found['speed correlation']:.3f}"
+    for reading, words in (("", "from the wanted speed"), ("stride's ", "of the strides' means")):
+        if np.isfinite(found[f"{reading}speed error"]):
+            said += f", {found[f'{reading}speed error']:.3f} m/s RMS {words}"
+        if np.isfinite(found[f"{reading}speed correlation"]):
+            said += f", r {found[f'{reading}speed correlation']:.3f}"
+    return said
 
 
 def _count(share: float, trials: int) -> str:
@@ -77,4 +80,6 @@ def _slip(rows: Rows) -> dict[str, float]:
         "mean speed": _mean(_field(rows, "mean_speed")),
         "speed error": _mean(_field(rows, "speed_rmse")),
         "speed correlation": _mean(_field(rows, "speed_correlation")),
+        "stride's speed error": _mean(_field(rows, "stride_speed_rmse")),
+        "stride's speed correlation": _mean(_field(rows, "stride_speed_correlation")),
     }

@@ -37,7 +37,8 @@ class RecordedTrial:
     Attributes
     ----------
     trial: the last TrialState (names and units of states and controls, seed, subject, ...).
-    time: (N,) [s]. states: (N, n). user_force: (N, 3) [N]. user_control, applied_control: (N, m).
+    time: (N,) [s]. states: (N, n). task_modes: (N,), of a hybrid task. user_force: (N, 3) [N].
+    user_control, applied_control: (N, m).
     verdict, reason, mode: (N,).
     criterion: (N,), NaN where it was not evaluated. compute_time: (N,) [s], zero in lockstep.
     in_success_region: (N,) bool. held: (N,) bool. received: (N,) [ns] when the recorder got the decision.
@@ -48,6 +49,7 @@ class RecordedTrial:
     trial: Any
     time: Array
     states: Array
+    task_modes: Array
     in_success_region: Array
     held: Array
     user_force: Array
@@ -80,7 +82,7 @@ class RecordedTrial:
 
 
 #: The fields that are needed here; a bag of another version of the messages may lack some.
-_OF_STATE = ("tick", "time", "state", "in_success_region", "held")
+_OF_STATE = ("tick", "time", "state", "mode", "in_success_region", "held")
 _OF_CONTROL = ("user_control", "applied_control")
 _OF_DECISION = (
     "tick",
@@ -120,6 +122,7 @@ def load(bag: str | Path) -> RecordedTrial:
         trial=last,
         time=state["time"],
         states=state["state"],
+        task_modes=state["mode"],
         in_success_region=state["in_success_region"].astype(bool),
         held=state["held"].astype(bool),
         user_force=joined["user_force"],
@@ -155,7 +158,8 @@ def measured(trial: RecordedTrial) -> measures.CartPendulumMeasures | measures.S
         scenario = scenario_of(trial.bag)
     else:
         scenario = Scenario(loop=LoopConfig(task=trial.trial.task, sample_time=trial.sample_time))
-    return of_trial(scenario, trial.states, trial.user_control[:-1], trial.verdict[:-1], trial.reason[:-1])
+    decided = (trial.user_control[:-1], trial.verdict[:-1], trial.reason[:-1])
+    return of_trial(scenario, trial.states, *decided, trial.task_modes)
 
 
 def scenario_of(bag: str | Path) -> Scenario:

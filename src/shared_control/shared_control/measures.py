@@ -35,6 +35,15 @@ Of SLIP:
 ``speed_rmse`` [m/s], ``speed_correlation``
     RMS of x_m_dot less the wanted speed, and their Pearson correlation, until the fall; NaN where no speed is wanted
     (or, for the correlation, where it does not vary).
+``stride_speed_rmse`` [m/s], ``stride_speed_correlation``
+    The same of the strides' means, one of each whole stride i from touchdown to touchdown (nodes k_i to k_i+1):
+
+        v_i = (x_m(k_i+1) - x_m(k_i)) / (t(k_i+1) - t(k_i)),    RMS over i of v_i - w_i,    correlation of v_i and w_i
+
+    with w_i the mean of the wanted speed over the stride (trapezoid rule). That is how the speed of running is commonly
+    defined (stride length over stride time: Alexander, Principles of Animal Locomotion, 2003), and leaves out that a
+    springy leg brakes and pushes off within each stride, which ``speed_rmse`` counts as error. NaN without a whole
+    stride, and where it is not known when the leg stood.
 """
 
 from __future__ import annotations
@@ -47,6 +56,7 @@ from numpy.typing import ArrayLike
 
 from shared_control.parameters import ParameterError
 from shared_control.tasks.cart_pendulum import CartPendulum
+from shared_control.tasks.task import Array
 
 __all__ = ["CartPendulumMeasures", "SlipMeasures", "cart_pendulum", "slip"]
 
@@ -79,6 +89,8 @@ class SlipMeasures(NamedTuple):
     mean_speed: float
     speed_rmse: float
     speed_correlation: float
+    stride_speed_rmse: float
+    stride_speed_correlation: float
 
 
 def cart_pendulum(
@@ -157,6 +169,7 @@ def slip(
     action: ArrayLike | None = None,
     intervened: ArrayLike | None = None,
     wanted_speed: ArrayLike | None = None,
+    stance: ArrayLike | None = None,
     fall_height: float = 0.0,
 ) -> SlipMeasures:
     """Measures of one trial.
@@ -167,6 +180,7 @@ def slip(
     sample_time: [s].
     action, intervened: (N,) bool, as for :func:`cart_pendulum`.
     wanted_speed: (N+1,) [m/s], what the user is after, if it is known.
+    stance: (N+1,) bool, whether the leg stood at each node, if it is known.
     fall_height: [m], the task's.
 
     Raises
@@ -181,23 +195,48 @@ def slip(
     fallen = np.flatnonzero(x[:, 2] <= fall_height)
     until = int(fallen[0]) if len(fallen) else ticks
     speed = x[: until + 1, 1]
-    rmse = correlation = math.nan
+    of_nodes = of_strides = math.nan, math.nan
     if wanted_speed is not None:
-        wanted = np.asarray(wanted_speed, dtype=float)
-        if wanted.shape != (ticks + 1,):
-            raise ParameterError(f"wanted_speed: shape {wanted.shape} is not allowed; it must be ({ticks + 1},)")
-        wanted = wanted[: until + 1]
-        rmse = float(np.sqrt(np.mean((speed - wanted) ** 2)))
-        if np.ptp(wanted) > 0.0 and np.ptp(speed) > 0.0:
-            correlation = float(np.corrcoef(speed, wanted)[0, 1])
+        wanted = _of_nodes("wanted_speed", np.asarray(wanted_speed, dtype=float), ticks)[: until + 1]
+        of_nodes = _error(speed, wanted)
+        if stance is not None:
+            stood = _of_nodes("stance", np.asarray(stance, dtype=bool), ticks)[: until + 1]
+            touchdowns = 1 + np.flatnonzero(np.diff(stood.astype(np.int8)) > 0)
+            of_strides = _error(*_stride_means(x[:, 0], wanted, touchdowns, sample_time))
     return SlipMeasures(
         fell=bool(len(fallen)),
         fall_time=until * sample_time,
         override=_share(stopped[:until], acted[:until]),
         mean_speed=float(np.mean(speed)),
-        speed_rmse=rmse,
-        speed_correlation=correlation,
+        speed_rmse=of_nodes[0],
+        speed_correlation=of_nodes[1],
+        stride_speed_rmse=of_strides[0],
+        stride_speed_correlation=of_strides[1],
     )
+
+
+def _stride_means(place: Array, wanted: Array, touchdowns: np.ndarray, sample_time: float) -> tuple[Array, Array]:
+    """v_i and w_i of the strides between touchdowns."""
+    # Above the first, so that a wanted speed that does not vary gives means that do not, to the last bit.
+    above = wanted - wanted[0]
+    distance = np.concatenate([[0.0], np.cumsum(0.5 * sample_time * (above[1:] + above[:-1]))])
+    lasted = sample_time * np.diff(touchdowns)
+    return np.diff(place[touchdowns]) / lasted, wanted[0] + np.diff(distance[touchdowns]) / lasted
+
+
+def _error(speed: Array, wanted: Array) -> tuple[float, float]:
+    """RMS of the difference, and the correlation."""
+    if not len(speed):
+        return math.nan, math.nan
+    rmse = float(np.sqrt(np.mean((speed - wanted) ** 2)))
+    varies = np.ptp(wanted) > 0.0 and np.ptp(speed) > 0.0
+    return rmse, float(np.corrcoef(speed, wanted)[0, 1]) if varies else math.nan
+
+
+def _of_nodes(name: str, values: np.ndarray, ticks: int) -> np.ndarray:
+    if values.shape != (ticks + 1,):
+        raise ParameterError(f"{name}: shape {values.shape} is not allowed; it must be ({ticks + 1},)")
+    return values
 
 
 def _flags(ticks: int, action: ArrayLike | None, intervened: ArrayLike | None) -> tuple[np.ndarray, np.ndarray]:

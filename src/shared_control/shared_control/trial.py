@@ -14,6 +14,7 @@ from shared_control import loop, measures
 from shared_control.filter import Reason, Verdict
 from shared_control.parameters import ParameterError
 from shared_control.scenario import Scenario, load
+from shared_control.tasks.slip import STANCE
 from shared_control.tasks.task import Array
 from shared_control.users import presets
 
@@ -94,7 +95,7 @@ class _Loop:
             reason=reason,
             criterion=criterion,
             outcome=plant.outcome,
-            measures=measured(self.scenario, states, user_control, verdict, reason),
+            measures=measured(self.scenario, states, user_control, verdict, reason, task_modes),
         )
 
 
@@ -106,7 +107,14 @@ def wanted_speed(scenario: Scenario, nodes: int) -> list[float] | None:
     return [float(preset.aim(k * scenario.loop.sample_time)[1]) for k in range(nodes)]
 
 
-def measured(scenario: Scenario, states: Array, user_control: Array, verdict: np.ndarray, reason: np.ndarray) -> Any:
+def measured(
+    scenario: Scenario,
+    states: Array,
+    user_control: Array,
+    verdict: np.ndarray,
+    reason: np.ndarray,
+    task_modes: np.ndarray,
+) -> Any:
     """The measures of the scenario's task, None if it has none; shapes as in :class:`TrialResult`."""
     action = (reason != Reason.NULL_ACTION) & np.any(user_control != 0.0, axis=1)
     sample, intervened = scenario.loop.sample_time, verdict != Verdict.ACCEPTED
@@ -116,8 +124,9 @@ def measured(scenario: Scenario, states: Array, user_control: Array, verdict: np
         speed = wanted_speed(scenario, len(states))
         fall_height = scenario.loop.make_task().parameters.fall_height
         return measures.slip(
-            states, sample, action=action, intervened=intervened, wanted_speed=speed, fall_height=fall_height
-        )
+            states, sample, action=action, intervened=intervened, wanted_speed=speed, stance=task_modes == STANCE,
+            fall_height=fall_height,
+        )  # fmt: skip
     return None
 
 
@@ -149,7 +158,7 @@ def judged(result: TrialResult, scenario: Source) -> Any:
     for k, (x, force, task_mode) in enumerate(ticks):
         decision = agent.decide(x, force, int(task_mode)).decision
         verdict[k], reason[k] = decision.verdict, decision.reason
-    return measured(loaded, result.states, result.user_control, verdict, reason)
+    return measured(loaded, result.states, result.user_control, verdict, reason, result.task_modes)
 
 
 _worker: _Loop | None = None
