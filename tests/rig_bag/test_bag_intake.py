@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from rig_bag.errors import BagError
-from rig_bag.intake import Intake
+from rig_bag.intake import Intake, Taken
 from rig_bag.selection import Selection
 
 TOPICS = ("/a", "/b", "/c")
@@ -28,6 +28,7 @@ class Taker:
         self.node = Node("taker", context=graph.context)
         self.publishers = [graph.node.create_publisher(String, topic, QOS) for topic in TOPICS]
         self.ahead = 0
+        self.sent: list[int] = []
         self.declared: list[str] = []
         self.intake = Intake(
             self.node,
@@ -50,11 +51,13 @@ class Taker:
 
     def take(self, count: int) -> list[tuple[int, str, int]]:
         """So many messages, all of which have been received by now."""
-        limit, found = time.monotonic() + 10.0, []
+        limit = time.monotonic() + 10.0
+        found: list[Taken] = []
         while len(found) < count and time.monotonic() < limit:
             found += self.intake.take()
         assert len(found) == count
-        return [(when, topic, int(deserialize_message(data, String).data)) for when, topic, data in found]
+        self.sent = [sent for *_, sent in found]
+        return [(when, topic, int(deserialize_message(data, String).data)) for when, topic, data, _ in found]
 
 
 @pytest.fixture
@@ -79,6 +82,22 @@ def test_they_come_in_the_order_of_reception_whatever_their_topic(taker: Taker) 
     assert begin - 1_000_000 < times[0]
     assert times[-1] < end + 1_000_000
     assert len(set(times)) > 50
+
+
+def test_each_comes_with_the_time_at_which_it_was_sent(taker: Taker, single_graph: Any) -> None:
+    told: list[int] = []
+
+    def note(_: String, about: Any) -> None:
+        told.append(about["source_timestamp"])
+
+    single_graph.node.create_subscription(String, "/b", note, QOS)
+    single_graph.until(lambda: taker.publishers[1].get_subscription_count() == 2)
+    for number in range(5):
+        taker.publishers[1].publish(String(data=f"{number}"))
+    taker.take(5)
+    single_graph.until(lambda: len(told) == 5)
+    assert taker.sent == told
+    assert told[0] > 1_600_000_000_000_000_000
 
 
 @pytest.mark.parametrize("hours", [-5, 5])

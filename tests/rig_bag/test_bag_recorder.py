@@ -16,11 +16,11 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 
-from mig_interfaces.msg import EndEffectorState, FilterDecision, RecorderState, TaskState, TrialState
+from mig_interfaces.msg import EndEffectorState, FilterDecision, NodeReport, RecorderState, TaskState, TrialState
 from rig_bag import BagError, info, messages, read
 from rig_bag.mcap_scan import scan
 from rig_bag.opening import place_of
@@ -250,6 +250,36 @@ def test_a_lost_tick_is_said(graph: Any, tmp_path: Path, trial_state: Callable[.
     graph.until(lambda: recorder.closed.done() and not loop.states[-1].recording)
     assert loop.states[-1].lost == 2
     assert info(tmp_path / "bag").metadata.custom_data["complete"] == "false"
+
+
+def test_a_report_that_was_cut_takes_nothing_from_what_its_node_has_said(
+    single_graph: Any, tmp_path: Path, trial_state: Callable[..., TrialState]
+) -> None:
+    graph = single_graph
+    loop = Loop(graph, trial_state)
+    reports = graph.node.create_publisher(NodeReport, "trial/reports", LATCHED)
+    recorder = _recorder(graph, uri=str(tmp_path / "bag"), settle_limit=0.1)
+    graph.until(_matched(recorder, *loop.publishers.values(), loop.trial, reports))
+    loop.announce(TrialState.PHASE_RUNNING)
+    for tick in range(5):
+        loop.tick(tick, *(["force_sensor/wrench"] if tick == 3 else []))
+    graph.until(lambda: recorder.recording.trial is not None)
+    report = NodeReport(node="/rig/user_sim", armed_uid=1, publishes=["/rig/force_sensor/wrench"])
+    for report.ticks_done in (3, 5):
+        reports.publish(report)
+    # All that stands before the topics is whole, so it says who speaks.
+    cut = bytes(serialize_message(report))[:72]
+    assert b"/rig/user_sim" in cut
+    reports.publish(cut)
+    graph.until(lambda: recorder.refused == 1)
+    loop.announce(TrialState.PHASE_FINISHED, 5)
+    graph.until(recorder.closed.done)
+    account = dict(scan(tmp_path / "bag" / "bag_0.mcap").metadata)["completeness"]
+    ticks = json.loads(account["ticks /rig/force_sensor/wrench"])
+    assert (ticks["answered"], ticks["received"], ticks["missing"]) == (5, 4, 1)
+    assert json.loads(account["ticks /rig/task/state"])["answered"] is None
+    # The cut one is recorded as it came.
+    assert cut in [message.data for message in messages(tmp_path / "bag", ["/rig/trial/reports"])]
 
 
 def test_an_ended_trial_is_waited_for_while_its_ticks_still_come(

@@ -13,11 +13,10 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from mig_interfaces.msg import NodeReport, TaskState, TrialState
+from mig_interfaces.msg import TaskState, TrialState
 from rig_bag import BagWriter, messages
 from rig_bag.mcap_scan import scan
 from rig_bag.recording import Recording, Stream, Trial
-from rig_bag.watch import Answers
 
 EPOCH = 1_000_000_000_000
 STEP = 10_000_000
@@ -51,13 +50,13 @@ class Rig:
     def _note(self) -> None:
         self.progress.append(self.recording.progress)
 
-    def send(self, stream: Stream, tick: int | None = None) -> None:
+    def send(self, stream: Stream, tick: int | None = None, sent: int = 0) -> None:
         types = {"/state": TaskState, "/text": String, "/diagnostics": DiagnosticArray}
         message = types.get(stream.name, WrenchStamped)()
         if tick is not None:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(EPOCH + tick * STEP, 1_000_000_000)
         self.now += 1000
-        self.recording.receive(stream, serialize_message(message), self.now)
+        self.recording.receive(stream, serialize_message(message), self.now, sent)
 
     def tick(self, tick: int) -> None:
         for stream in (self.state, self.wrench, self.yes if tick % 2 else self.no):
@@ -75,10 +74,14 @@ def test_log_time_is_the_time_of_reception(make: Callable[..., Rig]) -> None:
     rig = make()
     rig.tick(0)
     rig.send(rig.text)
+    rig.send(rig.text, sent=NOW - 7)
+    rig.send(rig.state, 1, sent=NOW - 7)
     rig.recording.close()
     stored = list(messages(rig.path))
-    assert [message.log_time for message in stored] == [NOW + 1000 * k for k in (1, 2, 3, 4)]
-    assert [message.publish_time for message in stored] == [EPOCH, EPOCH, EPOCH, NOW + 4000]
+    assert [message.log_time for message in stored] == [NOW + 1000 * k for k in (1, 2, 3, 4, 5, 6)]
+    # That of publication is the stamp; without one it is what the middleware says, or the other.
+    published = [EPOCH, EPOCH, EPOCH, NOW + 4000, NOW - 7, EPOCH + STEP]
+    assert [message.publish_time for message in stored] == published
 
 
 def test_in_lockstep_log_time_is_the_newest_tick(make: Callable[..., Rig]) -> None:
@@ -98,9 +101,9 @@ def test_in_lockstep_log_time_is_the_newest_tick(make: Callable[..., Rig]) -> No
 def test_in_lockstep_an_armed_trial_gives_the_time(make: Callable[..., Rig]) -> None:
     rig = make(lockstep=True)
     rig.follow(TrialState.PHASE_ARMING)
-    rig.send(rig.text)
+    rig.send(rig.text, sent=NOW)
     rig.recording.close()
-    assert [message.log_time for message in messages(rig.path)] == [EPOCH]
+    assert [(message.log_time, message.publish_time) for message in messages(rig.path)] == [(EPOCH, EPOCH)]
 
 
 def test_in_lockstep_without_any_tick_nothing_is_lost(make: Callable[..., Rig]) -> None:
@@ -196,21 +199,6 @@ def test_what_publishers_say_that_they_sent_is_in_the_account(make: Callable[...
     account = rig.account()
     answered = {name: json.loads(account[f"ticks {name}"])["answered"] for name in ("/state", "/wrench", "/yes|/no")}
     assert answered == {"/state": None, "/wrench": 5, "/yes|/no": None}
-
-
-def test_the_newest_report_of_each_node_says_what_it_has_answered(make: Callable[..., Rig]) -> None:
-    rig, answers = make(), Answers()
-    rig.follow(TrialState.PHASE_RUNNING)
-    for node, topic, ticks in (("/rig/a", "/state", 3), ("/rig/b", "/wrench", 2), ("/rig/a", "/state", 4)):
-        report = NodeReport(node=node, armed_uid=1, ticks_done=ticks, publishes=[topic])
-        answers.keep(bytes(serialize_message(report)))
-    for data in (b"", b"\0\1\0\0", bytes(serialize_message(report))[:18]):
-        answers.keep(data)
-    answers.tell(rig.recording)
-    rig.follow(TrialState.PHASE_FINISHED, 5)
-    account = rig.account()
-    answered = {name: json.loads(account[f"ticks {name}"])["answered"] for name in ("/state", "/wrench")}
-    assert answered == {"/state": 4, "/wrench": 2}
 
 
 def test_an_aborted_trial_owes_no_answer_to_its_last_tick(make: Callable[..., Rig]) -> None:

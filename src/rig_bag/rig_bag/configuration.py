@@ -52,7 +52,12 @@ class RecorderConfig:
         "topics with one message a tick, whose stamps define progress; a|b: one on either, checked only",
     )
     follow_trial: bool = parameter(True, "record trial/state, and close the bag when the trial has ended")
-    progress_ticks: int = parameter(25, "ticks between two messages on recorder/state", ge=1, le=100_000)
+    progress_ticks: int = parameter(
+        25,
+        "ticks between two messages on recorder/state in lockstep; paced by wall time there is one each second",
+        ge=1,
+        le=100_000,
+    )
     settle_limit: float = parameter(
         5.0,
         "how long an ended trial that lacks ticks must be silent before the bag is closed",

@@ -24,10 +24,14 @@ from rig_bag.errors import BagError
 from rig_bag.qos import Qos
 from rig_bag.selection import Selection
 
-__all__ = ["Declared", "Intake"]
+__all__ = ["Declared", "Intake", "Taken"]
 
 #: What a topic is declared as in a bag: type, QoS of its publishers, hash of the type.
 Declared = tuple[str, list[Qos], str]
+
+#: A message: steady time of its reception [ns], topic, its bytes, and when it was sent [ns] by its publisher's clock,
+#: 0 if the middleware does not know.
+Taken = tuple[int, str, bytes, int]
 
 
 class _Tap:
@@ -148,8 +152,8 @@ class Intake:
 
     # -- messages ----------------------------------------------------------------------------------------------------
 
-    def take(self) -> list[tuple[int, str, bytes]]:
-        """What has come since the last time: (steady time of its reception [ns], topic, serialised message), by time.
+    def take(self) -> list[Taken]:
+        """What has come since the last time, by time of reception.
 
         The middleware's times are of a clock that may be set meanwhile: a message is never of a time before the last
         take or in the future, and those of a topic keep their order. A middleware that has no such time says 0: then it
@@ -158,7 +162,7 @@ class Intake:
         now = self._steady()
         ahead = self._wall() - now
         since, self._taken = self._taken, now
-        found: list[tuple[int, str, bytes]] = []
+        found: list[Taken] = []
         for tap in self._taps.values():
             topic, kind, handle = tap.topic, tap.type, tap.subscription.handle
             newest = max(tap.newest, since)
@@ -168,10 +172,11 @@ class Intake:
                     got = take(kind, True)
                     if got is None:
                         break
-                    received = (got[1]["received_timestamp"] or now + ahead) - ahead
+                    data, about = got
+                    received = (about["received_timestamp"] or now + ahead) - ahead
                     if newest < received:
                         newest = min(received, now)
-                    found.append((newest, topic, got[0]))
+                    found.append((newest, topic, data, about["source_timestamp"]))
             tap.newest = newest
         found.sort(key=itemgetter(0))
         return found

@@ -28,7 +28,7 @@ from rig_bag.opening import open_bag, place_of
 from rig_bag.qos import load_overrides
 from rig_bag.recording import Recording, Stream, Trial
 from rig_bag.selection import Selection
-from rig_bag.watch import Answers, EndWatch, PublisherWatch, SteadyWallClock
+from rig_bag.watch import EndWatch, PublisherWatch, SteadyWallClock
 from rig_runtime import topics
 from rig_runtime.node import RigNode
 from rig_runtime.run import run
@@ -42,7 +42,7 @@ __all__ = ["RecorderNode", "main"]
 _SEARCH_PERIOD = 0.05  # [s] between looks for publishers while a listed topic has none
 _WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and between flushes
 _TAKE_PERIOD = 0.02  # [s] between two looks for messages
-_TAKE_PERIOD_REALTIME = 0.1  # [s] the same while a trial is paced by wall time: nobody waits for what is recorded
+_TAKE_PERIOD_REALTIME = 0.2  # [s] the same while a trial is paced by wall time: nobody waits for what is recorded
 _TAKE_PERIOD_LOCKSTEP = 0.003  # [s] and while one runs as fast as it can: the pacemaker waits for progress
 _SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
 _now = time.monotonic
@@ -61,6 +61,8 @@ class RecorderNode(RigNode):
     BagError: the bag cannot be opened.
     """
 
+    longest_standstill = 0.1  # nothing that it does on time is due sooner
+
     def __init__(self, node_name: str = "recorder", **kwargs: Any) -> None:
         super().__init__(node_name, LoopConfig, RecorderConfig, follows_trial=False, **kwargs)
         #: Done when the bag is closed; the result is the reason.
@@ -71,9 +73,8 @@ class RecorderNode(RigNode):
         #: Where each topic goes in the bag that is open.
         self._streams: dict[str, Stream] = {}
         #: What takes a message of these topics; of the others it is only recorded.
-        self._special: dict[str, Callable[[str, bytes, int], None]] = {}
+        self._special: dict[str, Callable[[str, bytes, int, int], None]] = {}
         self._taking = False
-        self._answers = Answers()
         self._wall_clock = SteadyWallClock(_wall)
         self._publishers_watched = PublisherWatch()
         self._recorded_uid = 0
@@ -147,14 +148,14 @@ class RecorderNode(RigNode):
             per_tick=self._groups,
             lockstep=self._lockstep,
             progress_ticks=config.progress_ticks,
-            on_progress=self._publish_state,
+            # Paced by wall time nobody waits for it, and it is said once a second.
+            on_progress=self._publish_state if self._lockstep else None,
         )
         for topic, declared in self._declared.items():
             self._streams[topic] = recording.add_topic(topic, *declared)
         # From the first moment on a bag that is cut says what it is of.
         writer.flush()
         self.recording = recording
-        self._answers = Answers()
         self._reason = ""
         self._publish_state()
         self.get_logger().info(f"recording to {self.path}")
@@ -224,36 +225,38 @@ class RecorderNode(RigNode):
         # The bag's own time: a log whose times go back could not be played.
         special, clock = self._special, self._wall_clock
         try:
-            for received, topic, data in self.intake.take():
+            for received, topic, data, sent in self.intake.take():
                 try:
-                    special.get(topic, self._record)(topic, data, received + clock.offset)
+                    special.get(topic, self._record)(topic, data, received + clock.offset, sent)
                 except MalformedError as error:
                     self.note_refused(topic, error)
         finally:
             self._taking = False
 
-    def _record(self, topic: str, data: bytes, received: int) -> None:
+    def _record(self, topic: str, data: bytes, received: int, sent: int) -> None:
         recording = self.recording
         if recording is not None:
             try:
-                recording.receive(self._streams[topic], data, received)
+                recording.receive(self._streams[topic], data, received, sent)
             except BagError as error:
                 self._fail(error)
 
-    def _take_report(self, topic: str, data: bytes, received: int) -> None:
-        self._record(topic, data, received)
-        self._answers.keep(data)
+    def _take_report(self, topic: str, data: bytes, received: int, sent: int) -> None:
+        self._record(topic, data, received, sent)
+        if self.recording is not None:
+            report = decode(data, NodeReport)
+            self.recording.note_answers(report.armed_uid, report.ticks_done, report.publishes)
 
-    def _take_trial(self, topic: str, data: bytes, received: int) -> None:
+    def _take_trial(self, topic: str, data: bytes, received: int, sent: int) -> None:
         try:
             message = decode(data, TrialState)
         except MalformedError:
             # It is recorded too, as it came.
-            self._record(topic, data, received)
+            self._record(topic, data, received, sent)
             raise
         if self._splits:
             self._begin_trial(Trial.from_message(message))
-        self._record(topic, data, received)
+        self._record(topic, data, received, sent)
         self.follow_trial(message)
         self._on_trial(message)
 
@@ -315,7 +318,7 @@ class RecorderNode(RigNode):
         self._publisher.publish(state)
 
     def _watch(self) -> None:
-        """Once a second: bring the bag to the disk, and see whether clock and publishers are as they were."""
+        """Once a second: bring the bag to the disk, say so, and see whether clock and publishers are as they were."""
         self._take()
         recording = self.recording
         jump = self._wall_clock.jump()
@@ -327,6 +330,7 @@ class RecorderNode(RigNode):
         except BagError as error:
             self._fail(error)
             return
+        self._publish_state()
         if jump:
             self.get_logger().warning(
                 f"the machine's clock was set by {jump * 1e-9:+.3f} s; the bag's times go on as before"
@@ -353,7 +357,6 @@ class RecorderNode(RigNode):
         if recording is None or recording.writer.closed:
             return
         self._reason = reason
-        self._answers.tell(recording)
         # By now it is what it was in the trial; where the bag was opened, perhaps not yet.
         recording.writer.set_custom_data({"scheduling": scheduling()})
         try:

@@ -50,8 +50,8 @@ class Recording:
     per_tick: topics that have one message a tick; ``a|b|c`` stands for one message on one of the three, and is checked
         but holds up neither the progress nor the end.
     lockstep: take the log time from the newest tick stamp seen instead of from the time of reception, so that the bag
-        plays at the trial's rate although it ran faster. What comes before the first tick is held back until there is
-        one.
+        plays at the trial's rate although it ran faster, and for the time of publication of what has no stamp, so that
+        no wall time is in the bag. What comes before the first tick is held back until there is one.
     progress_ticks: how many ticks the progress moves on before ``on_progress`` is called.
     on_progress: called from :meth:`receive`.
     """
@@ -105,8 +105,8 @@ class Recording:
 
     # -- messages ----------------------------------------------------------------------------------------------------
 
-    def receive(self, stream: Stream, data: bytes, now: int) -> None:
-        """Take one serialised message received at ``now`` [ns].
+    def receive(self, stream: Stream, data: bytes, now: int, sent: int = 0) -> None:
+        """Take one serialised message received at ``now`` and published at ``sent`` [ns] (0: that is not known).
 
         Raises
         ------
@@ -120,7 +120,7 @@ class Recording:
         if ticks is not None and stamp > self._newest:
             self._newest = stamp
         if not self._lockstep:
-            self._write(stream.channel, data, now, stamp if stamp >= 0 else now)
+            self._write(stream.channel, data, now, stamp if stamp >= 0 else sent or now)
         elif self._newest >= 0:
             if self._pending:
                 self._write_pending()

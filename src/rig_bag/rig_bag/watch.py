@@ -1,22 +1,14 @@
-"""What a recorder looks at beside its messages: jumps of the wall time, publishers that vanish, the end of a trial, and
-what nodes say that they have answered.
-"""
+"""What a recorder looks at beside its messages: jumps of the wall time, publishers that vanish, the end of a trial."""
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Mapping
 
-from mig_interfaces.msg import NodeReport
 from rig_bag.recording import Recording
 from rig_bag.trial import Trial
-from rig_runtime.wire import MalformedError, decode
 
-__all__ = ["Answers", "EndWatch", "PublisherWatch", "SteadyWallClock"]
-
-#: [bytes] before the node's name in a serialised report, which begins with the name's length.
-_NAME = 12
+__all__ = ["EndWatch", "PublisherWatch", "SteadyWallClock"]
 
 #: [ns] Between the two clocks' readings a stalled machine may let this pass.
 _TOLERANCE = 50_000_000
@@ -99,22 +91,3 @@ class EndWatch:
             self._ticks = ticks
             self._deadline = self._now() + self._limit
         return self._now() >= self._deadline
-
-
-class Answers:
-    """The newest report of each node. To take each apart when it comes would cost more than all else of the tick."""
-
-    def __init__(self) -> None:
-        self._newest: dict[bytes, bytes] = {}
-
-    def keep(self, data: bytes) -> None:
-        """Take a serialised report."""
-        size = int.from_bytes(data[_NAME : _NAME + 4], "little" if data[1:2] == b"\1" else "big")
-        self._newest[data[_NAME : _NAME + 4 + size]] = data
-
-    def tell(self, recording: Recording) -> None:
-        """Say what nodes have answered."""
-        for data in self._newest.values():
-            with contextlib.suppress(MalformedError):
-                report = decode(data, NodeReport)
-                recording.note_answers(report.armed_uid, report.ticks_done, report.publishes)

@@ -27,13 +27,11 @@ from rig_runtime.topics import Topic
 from rig_runtime.wire import LAST_SECOND, MalformedError
 
 #: [s] How often matched endpoints are looked at while a trial is being armed.
-_REPORT_PERIOD = 0.05
+_MATCHING_PERIOD = 0.05
 
-#: Reports are repeated at this many periods, so that the pacemaker can tell a silent node from a finished one.
-_REPEAT_EVERY = 10
-
-#: Which of them: half way between two diagnostics, so that no tick meets both.
-_REPEAT_AT = 5
+#: [s] One of four beats is for diagnostics. The two beside it repeat the report, so that the pacemaker can tell a
+#: silent node from a finished one, and no tick meets both.
+_BEAT = 0.25
 
 #: [ns] A day, the longest trial.
 _LONGEST = 86_400 * NANOSECONDS
@@ -46,6 +44,9 @@ class RigNode(Node):
     :meth:`loop_publisher` and :meth:`loop_subscription`, and overrides :meth:`prepare`, :meth:`arm`, :meth:`diagnose`
     and :meth:`finish` as it needs. Keyword arguments go to :class:`rclpy.node.Node`.
     """
+
+    #: [s] How long its timers may stand still when the wall clock is stepped back; `rig_runtime.run` sees to it.
+    longest_standstill = 0.01
 
     def __init__(self, name: str, *configurations: type, follows_trial: bool = True, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -69,13 +70,14 @@ class RigNode(Node):
         self._on_stop: Callable[[], None] | None = None
         self._sample = 1
         self._last_report: tuple[object, ...] = ()
-        self._periods = 0
+        self._beats = 0
         self._report_publisher = self.create_publisher(NodeReport, topics.NODE_REPORT.name, topics.NODE_REPORT.qos)
         self._diagnostics = Diagnostics(self)
         if follows_trial:
             self.create_subscription(TrialState, topics.TRIAL_STATE.name, self.follow_trial, topics.TRIAL_STATE.qos)
-        self.create_timer(_REPORT_PERIOD, self._report_timer, clock=self.steady)
-        self.create_timer(1.0, self.publish_diagnostics, clock=self.steady)
+        self._matching = self.create_timer(_MATCHING_PERIOD, self._report_matching, clock=self.steady)
+        self._matching.cancel()
+        self.create_timer(_BEAT, self._beat, clock=self.steady)
 
     # -- for subclasses ------------------------------------------------------------------------------------------
 
@@ -196,6 +198,7 @@ class RigNode(Node):
         self.arm(trial)
         self.armed_uid = trial.uid
         self._report()
+        self._matching.reset()
 
     def tick_of(self, stamp: int) -> int | None:
         """The tick that a stamp [ns] belongs to, None if it is none of this trial's, or no trial is known yet."""
@@ -218,12 +221,19 @@ class RigNode(Node):
         report.matched_publishers = [s.get_publisher_count() for s in self._subscriptions_of_loop.values()]
         return report
 
-    def _report_timer(self) -> None:
-        self._periods += 1
-        repeat = self._periods % _REPEAT_EVERY == _REPEAT_AT
-        # Nothing changes while ticks flow, and counting takes time from them.
-        if repeat or self.trial.phase == TrialState.PHASE_ARMING:
-            self._report(force=repeat)
+    def _report_matching(self) -> None:
+        if self.trial.phase == TrialState.PHASE_ARMING:
+            self._report(force=False)
+        else:
+            # Nothing changes while ticks flow, and to be woken takes time from them.
+            self._matching.cancel()
+
+    def _beat(self) -> None:
+        self._beats += 1
+        if self._beats % 2:
+            self._report()
+        elif self._beats % 4 == 0:
+            self.publish_diagnostics()
 
     def _report(self, force: bool = True) -> None:
         report = self.make_report()
@@ -236,7 +246,7 @@ class RigNode(Node):
         self._report_publisher.publish(report)
 
     def publish_diagnostics(self) -> None:
-        """Publish what :meth:`diagnose` says; a timer does it once a second."""
+        """Publish what :meth:`diagnose` says; this happens once a second by itself."""
         level, message, values = self.diagnose()
         values = {**values, **self.stage.values(), "malformed messages": self.refused, "scheduling": self.scheduling}
         self._diagnostics.publish(self.get_clock().now().to_msg(), level, message, values)

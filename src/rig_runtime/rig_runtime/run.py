@@ -40,8 +40,8 @@ FOREVER = 1e6
 #: [s] A timer's period that no process lives for.
 _NEVER = 1e5
 
-#: [s] How often the wall clock is looked at, [ns] and how much less than before it must show to have been stepped.
-_LOOK, _STEP = 0.01, 1_000_000
+#: [ns] How much less than before the wall clock must be ahead of the steady one to have been stepped back.
+_STEP = 1_000_000
 
 NodeFactory = Callable[..., RigNode]
 
@@ -167,7 +167,7 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
 
     # It never fires; to reset it has the executor look at all of its timers anew.
     never = nodes[0].create_timer(_NEVER, lambda: None, clock=nodes[0].steady)
-    watch_clock(lambda: executor.create_task(never.reset))
+    watch_clock(lambda: executor.create_task(never.reset), min(node.longest_standstill for node in nodes))
     signals.call(lambda: executor.create_task(stop_all))
     with realtime.suspended():  # to collect what start-up left takes as long as several ticks of a graph that runs
         realtime.before_ticks()
@@ -182,8 +182,9 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
     return max(node.exit_code for node in nodes)
 
 
-def watch_clock(on_step_back: Callable[[], object]) -> None:
-    """Call from a thread of its own, for as long as the process lives, whenever the wall clock has been stepped back.
+def watch_clock(on_step_back: Callable[[], object], period: float) -> None:
+    """Call from a thread of its own, for as long as the process lives, whenever the wall clock has been stepped back;
+    it is looked at once in a period [s].
 
     Middleware that was built for an old C library waits for a time of the wall clock even where it means a steady one.
     Stepped back by an hour, such a wait takes an hour longer, and with it every timer: pacemaker and watchdogs.
@@ -192,7 +193,7 @@ def watch_clock(on_step_back: Callable[[], object]) -> None:
     def watch() -> None:
         ahead = time.time_ns() - time.monotonic_ns()
         while True:
-            time.sleep(_LOOK)
+            time.sleep(period)
             before, ahead = ahead, time.time_ns() - time.monotonic_ns()
             if ahead < before - _STEP:
                 on_step_back()
