@@ -10,6 +10,7 @@
 #include <fcntl.h>
 #include <pthread.h>
 #include <semaphore.h>
+#include <stdatomic.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -23,7 +24,11 @@
 static const volatile int64_t none = 0, *step = &none;
 static int (*gettime)(clockid_t, struct timespec *);
 static int (*cond_wait)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
+static int (*cond_signal)(pthread_cond_t *), (*cond_broadcast)(pthread_cond_t *);
 static int (*sem_wait_until)(sem_t *, const struct timespec *);
+
+/* How often conditions were signalled, those together that share a place. */
+static atomic_uint signals[4096];
 
 static void *next(const char *name, const char *version)
 {
@@ -37,6 +42,8 @@ __attribute__((constructor)) static void begin(void)
     int file = path ? open(path, O_RDONLY | O_CLOEXEC) : -1;
     gettime = next("clock_gettime", NULL);
     cond_wait = next("pthread_cond_timedwait", "GLIBC_2.3.2");
+    cond_signal = next("pthread_cond_signal", "GLIBC_2.3.2");
+    cond_broadcast = next("pthread_cond_broadcast", "GLIBC_2.3.2");
     sem_wait_until = next("sem_timedwait", NULL);
     if (file >= 0) {
         void *mapped = mmap(NULL, sizeof *step, PROT_READ, MAP_SHARED, file, 0);
@@ -89,18 +96,40 @@ static int slice(const struct timespec *until, struct timespec *end)
 /* Seconds since 1970 and since the machine was started are far apart: which clock a condition waits on shows in these. */
 static int of_wall_clock(const struct timespec *until) { return until->tv_sec > 1000000000; }
 
+static atomic_uint *signals_of(const pthread_cond_t *cond) { return &signals[((uintptr_t)cond >> 4) % 4096]; }
+
+int pthread_cond_signal(pthread_cond_t *cond)
+{
+    if (!cond_signal)
+        begin();
+    atomic_fetch_add(signals_of(cond), 1);
+    return cond_signal(cond);
+}
+
+int pthread_cond_broadcast(pthread_cond_t *cond)
+{
+    if (!cond_broadcast)
+        begin();
+    atomic_fetch_add(signals_of(cond), 1);
+    return cond_broadcast(cond);
+}
+
 int pthread_cond_timedwait(pthread_cond_t *cond, pthread_mutex_t *mutex, const struct timespec *until)
 {
     struct timespec end;
+    unsigned seen = atomic_load(signals_of(cond));
 
     if (!of_wall_clock(until))
         return cond_wait(cond, mutex, until);
-    while (slice(until, &end)) {
+    /* A signal that comes between two slices finds nobody who waits: then the caller is to look at its condition. */
+    do {
+        if (!slice(until, &end))
+            return ETIMEDOUT;
         int result = cond_wait(cond, mutex, &end);
         if (result != ETIMEDOUT)
             return result;
-    }
-    return ETIMEDOUT;
+    } while (atomic_load(signals_of(cond)) == seen);
+    return 0;
 }
 
 int sem_timedwait(sem_t *sem, const struct timespec *until)
