@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -133,7 +134,7 @@ class AdmittanceSimNode(RigNode):
             self.ticks_done += 1
             self._gaps += 1
         force = command["wrench.force"]
-        if not np.isfinite(force).all():
+        if not all(map(math.isfinite, force.tolist())):
             self._dropped += 1
             self._latch.hold("the command is not finite")
             force = self._zero
