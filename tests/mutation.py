@@ -27,7 +27,7 @@ SOURCES = ROOT / "src" / "shared_control" / "shared_control"
 
 #: Module and the tests that hold it.
 TARGETS = {
-    "filter": ("test_filter.py", "test_loop.py", "test_trial.py"),
+    "filter": ("test_filter.py", "test_judges.py", "test_loop.py", "test_trial.py"),
     "decision": ("test_decision.py", "test_filter.py"),
     "measures": ("test_measures.py", "test_trial.py"),
 }
