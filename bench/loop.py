@@ -8,11 +8,13 @@ import statistics
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import ring
+from ament_index_python.packages import get_package_prefix
 from jitter import nanosleep, nanosleep_beside
 from live import LIMIT, Live, in_own_domain
 from native import program
@@ -173,14 +175,17 @@ def kilohertz(runs: int) -> list[Row]:
 
 
 def recorder(runs: int) -> list[Row]:
-    """A tick with and without it: all in one process, and each node in its own."""
+    """A tick with and without it: all in one process, all but the recorder in one, and each node in its own."""
     with_, without = alternate(
         runs,
         lambda: 1e6 * _trial(record=True, pacing="lockstep", duration=10.0).tick(),
         lambda: 1e6 * _trial(pacing="lockstep", duration=10.0).tick(),
     )
+    beside_with, beside_without = alternate(
+        runs, lambda: 1e6 * _tick_started(True, record=True), lambda: 1e6 * _tick_started(True, record=False)
+    )
     apart_with, apart_without = alternate(
-        runs, lambda: 1e6 * _tick_in_processes(record=True), lambda: 1e6 * _tick_in_processes(record=False)
+        runs, lambda: 1e6 * _tick_started(False, record=True), lambda: 1e6 * _tick_started(False, record=False)
     )
     what = "a tick in lockstep, {}, recorded, mean"
     return [
@@ -190,6 +195,10 @@ def recorder(runs: int) -> list[Row]:
             wanted="ratio <= 1.15",
         ),
         Row(
+            *("recorder.cost.beside", what.format("composed, the recorder in a process of its own"), "us", beside_with),
+            *("not recorded", beside_without),
+        ),
+        Row(
             *("recorder.cost.processes", what.format("each node in a process"), "us", apart_with),
             *("not recorded", apart_without),
             wanted="ratio <= 1.15",
@@ -197,19 +206,29 @@ def recorder(runs: int) -> list[Row]:
     ]
 
 
-def _tick_in_processes(*, record: bool, duration: float = 20.0) -> float:
-    """Wall time of a tick [s] of a graph in processes of their own."""
+def _tick_started(compose: bool, *, record: bool, duration: float = 20.0) -> float:
+    """Wall time of a tick [s]; the graph is one process, with the recorder beside it, or one for each node."""
     os.environ.update(in_own_domain())
-    with tempfile.TemporaryDirectory() as folder:
-        files = parameters(Path(folder), record=record, autostart=True, pacing="lockstep", duration=duration)
-        environment = {"RIG_RECORD": str(int(record)), "RIG_REALTIME": "off"}
-        command = graph_command(False, files, "rig")
-        with GraphProcess(command, Path(folder) / "log", environment) as started, Monitor("rig") as monitor:
-            limit = time.monotonic() + LIMIT
-            while monitor.speed() is None:
-                monitor.wait(0.1)
-                if started.exit_code is not None or time.monotonic() > limit:
-                    raise BenchError(f"the graph did not run to its end; it said:\n{started.last_words()}")
-            speed = monitor.speed()
-            assert speed is not None
-            return 0.01 / speed
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        files = parameters(folder, record=record, autostart=True, pacing="lockstep", duration=duration)
+        environment = {"RIG_RECORD": str(int(record and not compose)), "RIG_REALTIME": "off"}
+        if record and compose:
+            executable = Path(get_package_prefix("rig_bag")) / "lib" / "rig_bag" / "recorder"
+            arguments = [
+                "--ros-args",
+                "-r",
+                "__ns:=/rig",
+                *(part for file in files for part in ("--params-file", str(file))),
+            ]
+            stack.enter_context(GraphProcess([str(executable), *arguments], folder / "recorder.log", environment))
+        started = stack.enter_context(GraphProcess(graph_command(compose, files, "rig"), folder / "log", environment))
+        monitor = stack.enter_context(Monitor("rig"))
+        limit = time.monotonic() + LIMIT
+        while monitor.speed() is None:
+            monitor.wait(0.1)
+            if started.exit_code is not None or time.monotonic() > limit:
+                raise BenchError(f"the graph did not run to its end; it said:\n{started.last_words()}")
+        speed = monitor.speed()
+        assert speed is not None
+        return 0.01 / speed
