@@ -50,8 +50,8 @@ class Recording:
     per_tick: topics that have one message a tick; ``a|b|c`` stands for one message on one of the three, and is checked
         but holds up neither the progress nor the end.
     lockstep: take the log time from the newest tick stamp seen instead of from the time of reception, so that the bag
-        plays at the trial's rate although it ran faster, and for the time of publication of what has no stamp, so that
-        no wall time is in the bag. What comes before the first tick is held back until there is one.
+        plays at the trial's rate although it ran faster; likewise the time of publication of what has no stamp. What
+        comes before the first tick is held back until there is one.
     progress_ticks: how many ticks the progress moves on before ``on_progress`` is called.
     on_progress: called from :meth:`receive`.
     """
