@@ -17,6 +17,9 @@ _BESIDES = (topics.TRIAL_STATE.name, topics.NODE_REPORT.name, *_VIEW, "/diagnost
 #: [messages] that wait in the middleware while the recorder is busy; in lockstep the pacemaker stays within it.
 QUEUE_DEPTH = 1000
 
+#: [ticks] between two words on how far it is: as few as let the pacemaker never wait for one.
+_PROGRESS = topics.RECORDER_WINDOW // 2
+
 
 @dataclass(frozen=True)
 class RecorderConfig:
@@ -53,7 +56,7 @@ class RecorderConfig:
     )
     follow_trial: bool = parameter(True, "record trial/state, and close the bag when the trial has ended")
     progress_ticks: int = parameter(
-        25,
+        _PROGRESS,
         "ticks between two messages on recorder/state in lockstep; paced by wall time there is one each second",
         ge=1,
         le=100_000,
