@@ -22,7 +22,7 @@ from rosbags.highlevel import AnyReader
 
 from rig_bag import BagError, BagWriter, info, messages
 from rig_bag.cli import main
-from rig_bag.mcap_records import CHUNK, MAGIC, frames
+from rig_bag.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_FIXED, MESSAGE_INDEX, frames
 from rig_bag.mcap_salvage import salvage
 from rig_bag.repair import repair
 from rig_bag.verify import verify
@@ -200,6 +200,23 @@ def test_nothing_that_was_not_recorded_comes_out_of_a_damaged_file(trial_bag: Ca
     recorded = stored(right.contents)
     for data in _mutants(whole, MUTATIONS):
         assert stored(salvage(data, "it").contents) <= recorded
+
+
+def test_an_index_that_became_a_message_is_a_loss(trial_bag: Callable[..., Path]) -> None:
+    data = bytearray((trial_bag(ticks=12, chunk_size=900) / "bag_0.mcap").read_bytes())
+    count = salvage(bytes(data), "it").contents.count
+    indices = [
+        (offset, end)
+        for opcode, offset, start, end in frames(bytes(data), len(MAGIC), len(data) - len(MAGIC))
+        if opcode == MESSAGE_INDEX and end - start >= MESSAGE_FIXED
+    ]
+    assert len(indices) > 10
+    for offset, end in indices:
+        data[offset] = MESSAGE
+        found = salvage(bytes(data), "it")
+        data[offset] = MESSAGE_INDEX
+        assert found.contents.count == count
+        assert [(loss.start, loss.end) for loss in found.losses] == [(offset, end)]
 
 
 #: It imports nothing of ROS, so that twenty of them start soon.

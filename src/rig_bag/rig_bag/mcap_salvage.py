@@ -1,7 +1,8 @@
 """Takes everything that is still whole out of an MCAP file that was cut off, or damaged, anywhere.
 
 A chunk counts if it matches its checksum; of a chunk that the end of the file cuts, the records that unpack count, and
-are told apart, since no checksum covers them. After damage, the next chunk is found by its own bytes and checksum.
+are told apart, since no checksum covers them. After damage, the next chunk is found by its own bytes and checksum. A
+file with chunks has no message outside of them: what looks like one is another record whose opcode is damaged.
 """
 
 from __future__ import annotations
@@ -75,6 +76,8 @@ class _Run:
     records: bytes = b""
     loss: Loss | None = None
     checked: bool = True
+    #: Where it is, if it is a message outside of the chunks.
+    outside: tuple[int, int] | None = None
 
 
 def salvage(data: bytes, name: str) -> Salvage:
@@ -87,6 +90,8 @@ def salvage(data: bytes, name: str) -> Salvage:
     check_begin(data, name)
     contents = Contents()
     runs = list(_runs(data, contents))
+    if any(run.records and run.outside is None for run in runs):
+        runs = [_Run(loss=Loss(*run.outside, "damaged")) if run.outside is not None else run for run in runs]
     # Definitions first: the one that a message needs may be recovered only from the summary.
     for run in runs:
         for opcode, start, end in _whole_records(run.records):
@@ -138,7 +143,7 @@ def _runs(data: bytes, contents: Contents) -> Iterator[_Run]:
                 bad = Loss(position, end, str(error))
                 yield _Run(loss=bad)
         elif opcode == MESSAGE:
-            yield _Run(data[position:end])
+            yield _Run(data[position:end], outside=(position, end))
         elif opcode == MESSAGE_INDEX:
             if bad is not None:
                 _note_index(content, bad)
