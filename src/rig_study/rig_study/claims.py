@@ -100,7 +100,7 @@ SLIP: dict[str, Claim] = {
     "slip/noise/random rejection": Claim("slip_noise_assistance", _RANDOM, 100),
     "slip/noise/predictive safety filter": Claim("slip_noise_assistance", {"mig_filter.judge": "predictive"}, 100),
     "slip/noise/training": Claim("slip_noise_training", {}, 100),
-    # So many, because fall times scatter: with 1,000 the median has a standard error of 0.2 s.
+    # So many, because fall times scatter: the median of 1,000 has a standard error of 0.3 s, that of 100 0.6 s.
     "slip/low skill/off": Claim("slip_low_skill_off", {}, 1000, (near("fall time p50", 5.5, 0.5, "s"),)),
     "slip/low skill/assistance": Claim(
         "slip_low_skill_assistance", {}, 300, (_FELL, at_most("override", 0.40), near("mean speed", 0.98, 0.05, "m/s"))
