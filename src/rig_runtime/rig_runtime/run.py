@@ -167,7 +167,16 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
 
     # It never fires; to reset it has the executor look at all of its timers anew.
     never = nodes[0].create_timer(_NEVER, lambda: None, clock=nodes[0].steady)
-    watch_clock(lambda: executor.create_task(never.reset), min(node.longest_standstill for node in nodes))
+
+    def stepped_back(seconds: float) -> None:
+        never.reset()
+        nodes[0].get_logger().warning(
+            f"the wall clock was stepped back by {seconds:.2f} s: the middleware may bring messages late from now on; "
+            "after this trial, start the graph anew"
+        )
+
+    look = min(node.longest_standstill for node in nodes)
+    watch_clock(lambda seconds: executor.create_task(stepped_back, seconds), look)
     signals.call(lambda: executor.create_task(stop_all))
     with realtime.suspended():  # to collect what start-up left takes as long as several ticks of a graph that runs
         realtime.before_ticks()
@@ -182,21 +191,28 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
     return max(node.exit_code for node in nodes)
 
 
-def watch_clock(on_step_back: Callable[[], object], period: float) -> None:
-    """Call from a thread of its own, for as long as the process lives, whenever the wall clock has been stepped back;
-    it is looked at once in a period [s].
+def watch_clock(on_step_back: Callable[[float], object], period: float) -> None:
+    """Call from a thread of its own, for as long as the process lives, whenever the wall clock has been stepped back,
+    with the step [s]; it is looked at once in a period [s].
 
     Middleware that was built for an old C library waits for a time of the wall clock even where it means a steady one.
     Stepped back by an hour, such a wait takes an hour longer, and with it every timer: pacemaker and watchdogs.
     """
 
+    def wall_ahead() -> int:
+        """Of the steady clock [ns]; looked at again if this thread was interrupted between the two."""
+        while True:
+            begin, wall, end = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+            if end - begin < _STEP // 2:
+                return wall - begin
+
     def watch() -> None:
-        ahead = time.time_ns() - time.monotonic_ns()
+        ahead = wall_ahead()
         while True:
             time.sleep(period)
-            before, ahead = ahead, time.time_ns() - time.monotonic_ns()
+            before, ahead = ahead, wall_ahead()
             if ahead < before - _STEP:
-                on_step_back()
+                on_step_back(1e-9 * (before - ahead))
 
     threading.Thread(target=watch, name="clock", daemon=True).start()
 

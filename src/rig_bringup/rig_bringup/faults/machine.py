@@ -88,9 +88,17 @@ def _clock_forward(graph: ClockGraph, _: int) -> Seen:
     return Seen([], f"the next trial is dated {shift / 60.0:+.0f} min from now")
 
 
-@row("clock/back", "the wall clock is stepped two hours back", "the trial and its bag do not notice", on=ClockGraph)
+@row(
+    "clock/back",
+    "the wall clock is stepped two hours back",
+    "the trial and its bag do not notice; every node says so",
+    on=ClockGraph,
+)
 def _clock_back(graph: ClockGraph, _: int) -> Seen:
     _stepped(graph, -7200.0)
+    for name, process in graph.processes.items():
+        if "stepped back by 7200.00 s" not in process.log.read_text():
+            raise FaultError(f"{name} has not said that the clock was stepped back")
     return Seen([], f"{len(graph.hand.decided)} ticks")
 
 
