@@ -233,7 +233,7 @@ def test_the_figures_of_a_claim_are_those_of_its_trials(tmp_path: Path) -> None:
 
 
 def test_graded_users_are_judged_for_what_they_do_alone(tmp_path: Path) -> None:
-    job = graded_users.jobs(1)[9]
+    job = graded_users.jobs("cart/graded users", 1)[9]
     (row,) = run([job], tmp_path, workers=1)
     alone = run_trial(job.scenario, job.seed)
     assert row["judged_pra"] == judged(alone, graded_users.JUDGE).pra
@@ -241,6 +241,18 @@ def test_graded_users_are_judged_for_what_they_do_alone(tmp_path: Path) -> None:
     assert row["success"] == alone.measures.success
     rows = [{"user": k, "success": k > 4, "judged_pra": 0.5 - 0.01 * k} for k in range(10)]
     assert graded_users.figures(rows)["Spearman"] == pytest.approx(-0.8703883, abs=1e-6)  # by hand: 5 ranks tied twice
+
+
+def test_no_trial_of_the_graded_users_is_another() -> None:
+    """Each user of each population has seeds of their own, and those drawn err by at most 30 % about the pendulum."""
+    jobs = [job for name in graded_users.POPULATIONS for job in graded_users.jobs(name, 10)]
+    assert len({job.seed for job in jobs}) == len({job.name for job in jobs}) == 10 * (32 + 48)
+    drawn = graded_users.POPULATIONS["cart/graded users drawn"]
+    assert all(abs(user.length / 2.0 - 1.0) <= 0.3 + 1e-9 for user in drawn)
+    # As spread as a uniform distribution is: its mean and sd within four standard errors.
+    skills = np.array([user.skill for user in drawn])
+    assert abs(skills.mean() - 0.5) <= 4.0 * 0.289 / np.sqrt(len(drawn))
+    assert abs(skills.std() - 0.289) <= 0.08
 
 
 def test_the_rows_of_a_study_are_its_statistics() -> None:

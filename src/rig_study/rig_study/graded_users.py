@@ -1,12 +1,15 @@
 """The claim that compares users with each other: who succeeds more alone is rejected less.
 
-Thirty-two users between noise and purpose act without the filter, and a filter judges afterwards what they did.
+Users between noise and purpose act without the filter, and a filter judges afterwards what they did. There are two
+populations: thirty-two on a grid, some of whom believe in a pendulum that is half as long again, and forty-eight drawn
+at random, whose error about its length is at most 30 %.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,8 +17,9 @@ from rig_study.bounds import Bound, at_most
 from rig_study.claims import FIRST_SEED, Claim, scenario
 from rig_study.runs import Job
 from shared_control import scenario as science
+from shared_control.streams import stream
 
-__all__ = ["CLAIM", "JUDGE", "WANTED", "figures", "jobs", "sentence"]
+__all__ = ["CLAIM", "JUDGE", "POPULATIONS", "WANTED", "User", "figures", "jobs", "sentence"]
 
 #: The scenario whose filter judges.
 JUDGE = "cart_pendulum_noise_training"
@@ -23,26 +27,45 @@ JUDGE = "cart_pendulum_noise_training"
 CLAIM = Claim("cart_pendulum_noise_off", {"user_sim.user": "graded", "user_sim.preset": "learner"}, 10)
 WANTED: tuple[Bound, ...] = (at_most("Spearman", -0.8),)
 
-#: How much purpose, how late [s], how wrong about the pendulum's length [m].
-_USERS = [
-    (float(skill), delay, length)
-    for skill, delay, length in zip(
-        np.linspace(0.0, 1.0, 32), 8 * (0.0, 0.05, 0.1, 0.2), 4 * (2.0, 1.6, 2.4, 2.0, 3.0, 2.0, 1.2, 2.0), strict=True
-    )
-]
+
+class User(NamedTuple):
+    """How much purpose, how late [s], how long the pendulum is believed to be [m] (it is 2 m long)."""
+
+    skill: float
+    delay: float
+    length: float
 
 
-def jobs(seeds: int) -> list[Job]:
-    """The first ``seeds`` trials of each user, or all."""
-    judge, result = science.load(JUDGE), []
-    for number, (skill, delay, length) in enumerate(_USERS):
+def _grid() -> list[User]:
+    delays, lengths = 8 * (0.0, 0.05, 0.1, 0.2), 4 * (2.0, 1.6, 2.4, 2.0, 3.0, 2.0, 1.2, 2.0)
+    return [User(float(skill), *rest) for skill, *rest in zip(np.linspace(0.0, 1.0, 32), delays, lengths, strict=True)]
+
+
+def _drawn() -> list[User]:
+    draws = stream(FIRST_SEED, "graded users").uniform((0.0, 0.0, 1.4), (1.0, 0.2, 2.6), (48, 3))
+    return [
+        User(round(float(skill), 3), round(float(delay), 2), round(float(length), 2)) for skill, delay, length in draws
+    ]
+
+
+#: By the name of the claim.
+POPULATIONS: dict[str, list[User]] = {"cart/graded users": _grid(), "cart/graded users drawn": _drawn()}
+
+
+def jobs(population: str, seeds: int) -> list[Job]:
+    """The first ``seeds`` trials of each user of a population, or all."""
+    before = sum(len(POPULATIONS[name]) for name in itertools.takewhile(lambda name: name != population, POPULATIONS))
+    result = []
+    judge = science.load(JUDGE)
+    for number, its in enumerate(POPULATIONS[population]):
         user = {
-            "user_sim.skill": skill, "user_sim.delay": delay, "user_sim.model_parameters": [f"length={length}"],
+            "user_sim.skill": its.skill, "user_sim.delay": its.delay,
+            "user_sim.model_parameters": [f"length={its.length}"],
         }  # fmt: skip
         loaded = scenario(CLAIM._replace(changes={**CLAIM.changes, **user}))
         for k in range(min(seeds, CLAIM.seeds)):
-            name = f"cart/graded users/{number:02d}_t{k:06d}"
-            result.append(Job(name, loaded, FIRST_SEED + 1000 * number + k, {"user": number}, judge=judge))
+            seed = FIRST_SEED + 1000 * (before + number) + k
+            result.append(Job(f"{population}/{number:02d}_t{k:06d}", loaded, seed, {"user": number}, judge=judge))
     return result
 
 

@@ -72,7 +72,7 @@ def measurements() -> dict[str, Measurement]:
     """All of them by name, in the order of the page."""
     return {
         **{name: _claim("claims", name, claim) for name, claim in CART.items()},
-        "cart/graded users": Measurement("claims", _graded_jobs, _graded),
+        **{name: _graded(name) for name in graded_users.POPULATIONS},
         **{name: _claim("claims", name, claim) for name, claim in SLIP.items()},
         **{name: _claim("map", name, claim) for name, claim in MAP.items()},
         "study/paper": Measurement("study", _study_jobs, _study),
@@ -111,14 +111,16 @@ def _row(name: str, bounds: Sequence[Bound], found: dict[str, float], said: str,
     return (name, wanted(bounds), said, result(bounds, found), *rest)
 
 
-def _graded_jobs(options: Options) -> list[Job]:
-    return graded_users.jobs(options.at_most(graded_users.CLAIM.seeds))
+def _graded(population: str) -> Measurement:
+    def rows(_: Options, trials: Sequence[Trial]) -> list[Row]:
+        found = graded_users.figures(trials)
+        what = f"`{graded_users.CLAIM.base}`, judged afterwards by `{graded_users.JUDGE}`; {len(trials)} trials"
+        return [_row(population, graded_users.WANTED, found, graded_users.sentence(found), what)]
 
+    def jobs(options: Options) -> list[Job]:
+        return graded_users.jobs(population, options.at_most(graded_users.CLAIM.seeds))
 
-def _graded(_: Options, trials: Sequence[Trial]) -> list[Row]:
-    found = graded_users.figures(trials)
-    what = f"`{graded_users.CLAIM.base}`, judged afterwards by `{graded_users.JUDGE}`; {len(trials)} trials"
-    return [_row("cart/graded users", graded_users.WANTED, found, graded_users.sentence(found), what)]
+    return Measurement("claims", jobs, rows)
 
 
 def _protocol(options: Options) -> Protocol:
