@@ -95,7 +95,7 @@ def test_a_step_back_of_the_wall_clock_is_noticed_and_one_forward_is_none() -> N
     """In a process of its own: whoever watches does so until the end."""
     code = """
 import threading, time, types
-from rig_runtime import run
+from rig_runtime import clocks, run
 
 looks, step, stepped, looked = 0, 0, threading.Event(), threading.Condition()
 
@@ -111,8 +111,8 @@ def looks_twice_more():
         wanted = looks + 2
         assert looked.wait_for(lambda: looks >= wanted, 60.0)
 
-clock = {"sleep": sleep, "monotonic_ns": time.monotonic_ns, "time_ns": lambda: time.time_ns() + step}
-run.time = types.SimpleNamespace(**clock)
+run.time = types.SimpleNamespace(sleep=sleep)
+run.wall_ahead_of_steady = lambda: clocks.wall_ahead_of_steady(lambda: time.time_ns() + step)
 run.watch_clock(lambda seconds: stepped.set() if abs(seconds - 3600.0) < 1.0 else None, 0.01)
 looks_twice_more()
 step = 3600 * 10**9

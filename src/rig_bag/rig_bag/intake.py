@@ -23,6 +23,7 @@ from rig_bag.configuration import QUEUE_DEPTH
 from rig_bag.errors import BagError
 from rig_bag.qos import Qos
 from rig_bag.selection import Selection
+from rig_runtime.clocks import wall_ahead_of_steady
 
 __all__ = ["Declared", "Intake", "Taken"]
 
@@ -159,8 +160,8 @@ class Intake:
         take or in the future, and those of a topic keep their order. A middleware that has no such time says 0: then it
         is that of this take.
         """
+        ahead = wall_ahead_of_steady(self._wall, self._steady)
         now = self._steady()
-        ahead = self._wall() - now
         since, self._taken = self._taken, now
         found: list[Taken] = []
         for tap in self._taps.values():

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 
 from rig_bag.recording import Recording
 from rig_bag.trial import Trial
+from rig_runtime.clocks import wall_ahead_of_steady
 
 __all__ = ["EndWatch", "PublisherWatch", "SteadyWallClock"]
 
-#: [ns] Between the two clocks' readings a stalled machine may let this pass.
+#: [ns] By less than this a clock is trimmed, and not set.
 _TOLERANCE = 50_000_000
 
 
@@ -27,11 +28,11 @@ class SteadyWallClock:
     def begin(self) -> None:
         """From now on, and until this is called again, time is what the machine's clock says plus what passes."""
         #: [ns] between wall time and steady time.
-        self.offset = self._seen = self._wall() - self._steady()
+        self.offset = self._seen = wall_ahead_of_steady(self._wall, self._steady)
 
     def jump(self) -> int:
         """[ns] by which the machine's wall time was set since the last look; 0 if it was not."""
-        offset = self._wall() - self._steady()
+        offset = wall_ahead_of_steady(self._wall, self._steady)
         jump = offset - self._seen
         if abs(jump) <= _TOLERANCE:
             return 0

@@ -23,6 +23,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from rig_runtime.clocks import wall_ahead_of_steady
 from rig_runtime.node import RigNode
 from rig_runtime.realtime import Realtime, RealtimeError, Settings
 from shared_control.parameters import ParameterError
@@ -199,18 +200,11 @@ def watch_clock(on_step_back: Callable[[float], object], period: float) -> None:
     Stepped back by an hour, such a wait takes an hour longer, and with it every timer: pacemaker and watchdogs.
     """
 
-    def wall_ahead() -> int:
-        """Of the steady clock [ns]; looked at again if this thread was interrupted between the two."""
-        while True:
-            begin, wall, end = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-            if end - begin < _STEP // 2:
-                return wall - begin
-
     def watch() -> None:
-        ahead = wall_ahead()
+        ahead = wall_ahead_of_steady()
         while True:
             time.sleep(period)
-            before, ahead = ahead, wall_ahead()
+            before, ahead = ahead, wall_ahead_of_steady()
             if ahead < before - _STEP:
                 on_step_back(1e-9 * (before - ahead))
 
