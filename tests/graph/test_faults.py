@@ -10,10 +10,10 @@ from pathlib import Path
 
 from rig_bringup.faults.cli import main
 
-#: One of each kind that makes the force zero: a wrench that is bad, or none; a node stopped, killed, started again.
+#: Some that make the force zero: a wrench that is bad, or none; a node stopped, killed, started again.
 ZERO = ("wrench/nan", "wrench/silent", "filter/stopped", "filter/killed", "task/killed", "person/filter killed")
 
-#: One of each kind that does not: too much; the bag; the clock.
+#: Some that do not: too much; the bag; the clock; a second graph.
 OTHERS = ("wrench/duplicated", "recorder/killed", "clock/back", "graph/two in one namespace")
 
 
@@ -27,7 +27,9 @@ def test_each_kind_of_fault_is_followed_by_what_must_follow(tmp_path: Path) -> N
     bags = {name for name in results if name.endswith(": the bag")}
     assert bags == {"plain: the bag", "person: the bag", "clock: the bag"}
     assert set(results) - bags == {*ZERO, *OTHERS}
-    assert not any(result.get("needs") for result in results.values()), "nothing of this needs a right or a tool"
+    assert not any(result.get("needs") for result in results.values()), (
+        "wherever the rig was built all of this can be done"
+    )
     assert all(results[name]["zero"] for name in ZERO)
 
 

@@ -60,10 +60,6 @@ class Stalls(threading.Thread):
         self.join()
 
 
-#: No shared memory between the processes of a graph; the middleware heeds the second only with the first.
-ONLY_UDP = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-
-
 class LiveGraph:
     """The graph of one trial that lasts as long as it is needed. Context manager."""
 

@@ -18,7 +18,7 @@ from mig_interfaces.msg import TrialState
 from rig_bag import BagError
 from rig_bag.repair import repair
 from rig_bringup.faults.hand import PUSH
-from rig_bringup.faults.live_graph import ONLY_UDP, FaultError, LiveGraph, patched_environment
+from rig_bringup.faults.live_graph import FaultError, LiveGraph, patched_environment
 from rig_bringup.faults.rows import NotHereError, Seen, expect_every_tick_once, expect_whole_bag, row
 from rig_bringup.graph_process import GraphProcess
 from rig_runtime import topics
@@ -53,7 +53,12 @@ class ClockGraph(LiveGraph):
 
     def environment(self) -> dict[str, str]:
         # Through shared memory the middleware itself does not get over a step back: docs/safety.md.
-        return {**ONLY_UDP, "LD_PRELOAD": str(self._library), "RIG_CLOCK_STEP": str(self._file)}
+        return {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+            "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(os.environ["RIG_ROOT"]) / "config" / "fastdds_loopback.xml"),
+            "LD_PRELOAD": str(self._library),
+            "RIG_CLOCK_STEP": str(self._file),
+        }
 
     def step(self, seconds: float) -> None:
         """Step the clock of every node by this much more."""

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-from rig_bringup.faults.live_graph import ONLY_UDP, FaultError, LiveGraph
+from rig_bringup.faults.live_graph import FaultError, LiveGraph
 from rig_bringup.faults.rows import LIMIT, Inject, NotHereError, Seen, row
 
 _CLONE_NEWNET = 0x40000000
@@ -98,7 +98,8 @@ class SplitGraph(LiveGraph):
     def environment(self) -> dict[str, str]:
         # Both are on this machine after all: what they share but the line is to be of no use.
         return {
-            **ONLY_UDP,
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
             "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(os.environ["RIG_ROOT"]) / "config" / "fastdds_network.xml"),
         }
 
