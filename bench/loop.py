@@ -213,22 +213,22 @@ def _tick_started(compose: bool, *, record: bool, duration: float = 20.0) -> flo
         folder = Path(name)
         files = parameters(folder, record=record, autostart=True, pacing="lockstep", duration=duration)
         environment = {"RIG_RECORD": str(int(record and not compose)), "RIG_REALTIME": "off"}
+        commands = {"log": graph_command(compose, files, "rig")}
         if record and compose:
             executable = Path(get_package_prefix("rig_bag")) / "lib" / "rig_bag" / "recorder"
-            arguments = [
-                "--ros-args",
-                "-r",
-                "__ns:=/rig",
-                *(part for file in files for part in ("--params-file", str(file))),
-            ]
-            stack.enter_context(GraphProcess([str(executable), *arguments], folder / "recorder.log", environment))
-        started = stack.enter_context(GraphProcess(graph_command(compose, files, "rig"), folder / "log", environment))
+            arguments = [part for file in files for part in ("--params-file", str(file))]
+            commands["recorder.log"] = [str(executable), "--ros-args", "-r", "__ns:=/rig", *arguments]
+        processes = [
+            stack.enter_context(GraphProcess(command, folder / log, environment)) for log, command in commands.items()
+        ]
         monitor = stack.enter_context(Monitor("rig"))
         limit = time.monotonic() + LIMIT
         while monitor.speed() is None:
             monitor.wait(0.1)
-            if started.exit_code is not None or time.monotonic() > limit:
-                raise BenchError(f"the graph did not run to its end; it said:\n{started.last_words()}")
+            failed = [process for process in processes if process.exit_code]
+            if failed or time.monotonic() > limit:
+                words = (failed or processes)[0].last_words()
+                raise BenchError(f"the graph did not run to its end; it said:\n{words}")
         speed = monitor.speed()
         assert speed is not None
         return 0.01 / speed

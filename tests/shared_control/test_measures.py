@@ -178,6 +178,19 @@ def test_strides_against_a_plain_loop():
     assert found.stride_speed_correlation == pytest.approx(statistics.correlation(means, aims))
 
 
+@pytest.mark.parametrize(("fall", "error"), [(49, 0.0), (50, math.sqrt(0.5)), (51, math.sqrt(0.5))])
+def test_a_stride_counts_that_has_ended_when_the_runner_falls(fall, error):
+    """Strides at the wanted speed and at 1 m/s more, from node 10 to 30 and on to 50."""
+    stood = np.zeros(61, bool)
+    for touchdown in (10, 30, 50):
+        stood[touchdown : touchdown + 5] = True
+    states = np.zeros((61, 5))
+    states[:, 0] = DT * (np.arange(61) + np.maximum(np.arange(61) - 30, 0))
+    states[:fall, 2] = 1.0
+    found = slip(states, DT, wanted_speed=np.ones(61), stance=stood)
+    assert found.stride_speed_rmse == pytest.approx(error, abs=1e-12)
+
+
 def test_without_a_whole_stride_there_is_no_speed_of_strides():
     states = np.zeros((101, 5))
     states[:, 1], states[:, 2] = 1.0, 1.0

@@ -219,9 +219,10 @@ def _stride_means(place: Array, wanted: Array, touchdowns: np.ndarray, sample_ti
     """v_i and w_i of the strides between touchdowns."""
     # Above the first, so that a wanted speed that does not vary gives means that do not, to the last bit.
     above = wanted - wanted[0]
-    distance = np.concatenate([[0.0], np.cumsum(0.5 * sample_time * (above[1:] + above[:-1]))])
+    # At each node but the first, which is no touchdown.
+    distance = np.cumsum(0.5 * sample_time * (above[1:] + above[:-1]))
     lasted = sample_time * np.diff(touchdowns)
-    return np.diff(place[touchdowns]) / lasted, wanted[0] + np.diff(distance[touchdowns]) / lasted
+    return np.diff(place[touchdowns]) / lasted, wanted[0] + np.diff(distance[touchdowns - 1]) / lasted
 
 
 def _error(speed: Array, wanted: Array) -> tuple[float, float]:
