@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
+import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
 
 from mig_interfaces.msg import EndEffectorState, FilterDecision, RecorderState, TaskState, TrialState
 from rig_bag.recorder import RecorderNode
@@ -45,6 +47,35 @@ def matched(recorder: RecorderNode, *publishers: Any) -> Callable[[], bool]:
 def written(recorder: Any) -> int:
     """How many messages are in the bag that is open."""
     return 0 if recorder.recording is None else recorder.recording.writer.messages
+
+
+def retime(monkeypatch: pytest.MonkeyPatch, topics: Collection[str], change: Callable[[int], int]) -> None:
+    """Change the times, by the system's clock, that the middleware tells of each message of these topics."""
+    handle_of = Subscription.handle.fget
+
+    def handle(subscription: Subscription) -> Any:
+        real = handle_of(subscription)
+        return _Retimed(real, change) if subscription.topic in topics else real
+
+    monkeypatch.setattr(Subscription, "handle", property(handle))
+
+
+class _Retimed:
+    """A subscription's handle."""
+
+    def __init__(self, handle: Any, change: Callable[[int], int]) -> None:
+        self._handle, self._change = handle, change
+
+    def __enter__(self) -> None:
+        self._handle.__enter__()
+
+    def __exit__(self, *given: object) -> None:
+        self._handle.__exit__(*given)
+
+    def take_message(self, kind: Any, raw: bool) -> Any:
+        got = self._handle.take_message(kind, raw)
+        times = ("source_timestamp", "received_timestamp")
+        return got and (got[0], {**got[1], **{name: self._change(got[1][name]) for name in times}})
 
 
 class Loop:

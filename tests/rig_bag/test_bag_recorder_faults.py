@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from recorded_loop import LATCHED, Loop, make_recorder, matched, overrides, written
+from recorded_loop import LATCHED, Loop, make_recorder, matched, overrides, retime, written
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 
@@ -31,6 +31,7 @@ def test_a_clock_that_is_set_does_not_move_the_bags_times(
     graph = single_graph
     set_by = [0]
     monkeypatch.setattr("rig_bag.recorder._wall", lambda: time.time_ns() + set_by[0])
+    retime(monkeypatch, ["/rig/text"], lambda told: told + set_by[0])
     publisher = graph.node.create_publisher(String, "text", QoSProfile(depth=100))
     recorder = make_recorder(graph, uri=str(tmp_path / "bag"), topics=["text"], follow_trial=False)
     graph.until(matched(recorder, publisher))
@@ -44,9 +45,10 @@ def test_a_clock_that_is_set_does_not_move_the_bags_times(
     said = capfd.readouterr().err
     assert "clock was set by -18000." in said
     assert "clock was set by +28800." in said
-    times = [message.log_time for message in messages(tmp_path / "bag")]
-    assert times == sorted(times)
-    assert times[-1] - times[0] < 3_600_000_000_000
+    stored = list(messages(tmp_path / "bag"))
+    for times in ([message.log_time for message in stored], [message.publish_time for message in stored]):
+        assert times == sorted(times)
+        assert times[-1] - times[0] < 3_600_000_000_000
     account = dict(scan(tmp_path / "bag" / "bag_0.mcap").metadata)["completeness"]
     jumps = json.loads(account["clock jumps [ns]"])
     assert [round(jump / 3_600_000_000_000) for jump in jumps] == [-5, 8]

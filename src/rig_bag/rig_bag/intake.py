@@ -30,8 +30,8 @@ __all__ = ["Declared", "Intake", "Taken"]
 #: What a topic is declared as in a bag: type, QoS of its publishers, hash of the type.
 Declared = tuple[str, list[Qos], str]
 
-#: A message: steady time of its reception [ns], topic, its bytes, and when it was sent [ns] by its publisher's clock,
-#: 0 if the middleware does not know.
+#: A message: steady time of its reception [ns], topic, its bytes, and how long it was under way [ns] by the system's
+#: clock, 0 if the middleware does not know.
 Taken = tuple[int, str, bytes, int]
 
 
@@ -174,10 +174,10 @@ class Intake:
                     if got is None:
                         break
                     data, about = got
-                    received = (about["received_timestamp"] or now + ahead) - ahead
-                    if newest < received:
-                        newest = min(received, now)
-                    found.append((newest, topic, data, about["source_timestamp"]))
+                    arrived = about["received_timestamp"] or now + ahead
+                    if newest < arrived - ahead:
+                        newest = min(arrived - ahead, now)
+                    found.append((newest, topic, data, arrived - (about["source_timestamp"] or arrived)))
             tap.newest = newest
         found.sort(key=itemgetter(0))
         return found

@@ -225,9 +225,10 @@ class RecorderNode(RigNode):
         # The bag's own time: a log whose times go back could not be played.
         special, clock = self._special, self._wall_clock
         try:
-            for received, topic, data, sent in self.intake.take():
+            for steady, topic, data, under_way in self.intake.take():
+                received = steady + clock.offset
                 try:
-                    special.get(topic, self._record)(topic, data, received + clock.offset, sent)
+                    special.get(topic, self._record)(topic, data, received, received - under_way)
                 except MalformedError as error:
                     self.note_refused(topic, error)
         finally:
@@ -307,8 +308,7 @@ class RecorderNode(RigNode):
     def _publish_state(self) -> None:
         state, recording = self._state, self.recording
         if recording is not None:
-            progress = recording.progress
-            state.header.stamp.sec, state.header.stamp.nanosec = divmod(max(progress, 0), 1_000_000_000)
+            state.header.stamp.sec, state.header.stamp.nanosec = divmod(max(recording.progress, 0), 1_000_000_000)
             state.messages = recording.writer.messages
             state.bytes = recording.writer.bytes
             state.lost = recording.lost()
@@ -332,9 +332,7 @@ class RecorderNode(RigNode):
             return
         self._publish_state()
         if jump:
-            self.get_logger().warning(
-                f"the machine's clock was set by {jump * 1e-9:+.3f} s; the bag's times go on as before"
-            )
+            self.get_logger().warning(f"the clock was set by {jump * 1e-9:+.3f} s; the bag's times go on as before")
             recording.note_clock_jump(jump)
         trial = recording.trial
         if gone and (trial is None or trial.under_way):
