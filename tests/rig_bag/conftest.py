@@ -69,7 +69,8 @@ def trial_bag(tmp_path: Path, task_state: Callable[[int], TaskState]) -> Callabl
         name: str = "bag", ticks: int = 40, *, lacks: Collection[int] = (), twice: Collection[int] = (), **options: Any
     ) -> Path:
         writer = BagWriter(tmp_path / name, **{"chunk_size": 1500, **options})
-        recording = Recording(writer, per_tick=["/rig/task/state", "/rig/mig_filter/accepted|/rig/mig_filter/rejected"])
+        topics = ["/rig/task/state", "/rig/mig_filter/accepted|/rig/mig_filter/rejected"]
+        recording = Recording(writer, per_tick=topics, progress_ticks=1)
         trial = recording.add_topic("/rig/trial/state", "mig_interfaces/msg/TrialState")
         state = recording.add_topic("/rig/task/state", "mig_interfaces/msg/TaskState")
         verdicts = [

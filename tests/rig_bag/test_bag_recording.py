@@ -35,9 +35,8 @@ class Rig:
         self.path = path
         self._trial_state = trial_state
         self.progress: list[int] = []
-        self.recording = Recording(
-            BagWriter(path), per_tick=["/state", "/wrench", "/yes|/no"], on_progress=self._note, **options
-        )
+        options = {"per_tick": ["/state", "/wrench", "/yes|/no"], "progress_ticks": 25, **options}
+        self.recording = Recording(BagWriter(path), on_progress=self._note, **options)
         add = self.recording.add_topic
         self.state = add("/state", "mig_interfaces/msg/TaskState")
         self.wrench = add("/wrench", "geometry_msgs/msg/WrenchStamped")
@@ -76,11 +75,14 @@ def test_log_time_is_the_time_of_reception(make: Callable[..., Rig]) -> None:
     rig.send(rig.text)
     rig.send(rig.text, sent=NOW - 7)
     rig.send(rig.state, 1, sent=NOW - 7)
+    rig.send(rig.diagnostics)
+    rig.send(rig.diagnostics, sent=NOW - 7)
     rig.recording.close()
     stored = list(messages(rig.path))
-    assert [message.log_time for message in stored] == [NOW + 1000 * k for k in (1, 2, 3, 4, 5, 6)]
-    # That of publication is the stamp; without one it is what the middleware says, or the other.
-    published = [EPOCH, EPOCH, EPOCH, NOW + 4000, NOW - 7, EPOCH + STEP]
+    assert [message.log_time for message in stored] == [NOW + 1000 * k for k in (1, 2, 3, 4, 5, 6, 7, 8)]
+    # That of publication is the stamp; without one, or with one that was never set, it is what the middleware says, or
+    # the other.
+    published = [EPOCH, EPOCH, EPOCH, NOW + 4000, NOW - 7, EPOCH + STEP, NOW + 7000, NOW - 7]
     assert [message.publish_time for message in stored] == published
 
 
@@ -92,8 +94,11 @@ def test_in_lockstep_log_time_is_the_newest_tick(make: Callable[..., Rig]) -> No
     rig.send(rig.state, 1)
     rig.send(rig.diagnostics, 777)
     rig.send(rig.wrench, 1)
+    rig.send(rig.diagnostics, sent=NOW)
     rig.recording.close()
-    stored = [(message.topic, message.log_time) for message in messages(rig.path)]
+    times = [(message.log_time, message.publish_time) for message in messages(rig.path)]
+    assert times.pop() == (EPOCH + STEP, EPOCH + STEP)
+    stored = [(message.topic, message.log_time) for message in messages(rig.path)][:-1]
     assert stored[:2] == [("/text", EPOCH), ("/diagnostics", EPOCH)]
     assert stored[-3:] == [("/state", EPOCH + STEP), ("/diagnostics", EPOCH + STEP), ("/wrench", EPOCH + STEP)]
 
@@ -106,11 +111,18 @@ def test_in_lockstep_an_armed_trial_gives_the_time(make: Callable[..., Rig]) -> 
     assert [(message.log_time, message.publish_time) for message in messages(rig.path)] == [(EPOCH, EPOCH)]
 
 
-def test_in_lockstep_without_any_tick_nothing_is_lost(make: Callable[..., Rig]) -> None:
+@pytest.mark.parametrize("limit", [0, 1, 2, 100])
+def test_in_lockstep_without_any_tick_nothing_is_lost(
+    make: Callable[..., Rig], limit: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether more comes than is held back or not."""
+    monkeypatch.setattr("rig_bag.recording._PENDING_LIMIT", limit)
     rig = make(lockstep=True)
     rig.send(rig.text)
+    rig.send(rig.text, sent=NOW - 7)
     rig.recording.close()
-    assert [message.log_time for message in messages(rig.path)] == [NOW + 1000]
+    times = [(message.log_time, message.publish_time) for message in messages(rig.path)]
+    assert times == [(NOW + 1000, NOW + 1000), (NOW + 2000, NOW - 7)]
 
 
 def test_progress_is_that_of_the_slowest_topic_and_told_at_each_interval(make: Callable[..., Rig]) -> None:

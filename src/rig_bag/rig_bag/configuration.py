@@ -57,7 +57,7 @@ class RecorderConfig:
     follow_trial: bool = parameter(True, "record trial/state, and close the bag when the trial has ended")
     progress_ticks: int = parameter(
         _PROGRESS,
-        "ticks between two messages on recorder/state in lockstep; paced by wall time there is one each second",
+        "ticks between two messages on recorder/state in lockstep, besides the one each second",
         ge=1,
         le=100_000,
     )

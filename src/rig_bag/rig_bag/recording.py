@@ -52,7 +52,7 @@ class Recording:
     lockstep: take the log time from the newest tick stamp seen instead of from the time of reception, so that the bag
         plays at the trial's rate although it ran faster; likewise the time of publication of what has no stamp. What
         comes before the first tick is held back until there is one.
-    progress_ticks: how many ticks the progress moves on before ``on_progress`` is called.
+    progress_ticks: how often the progress moves on before ``on_progress`` is called.
     on_progress: called from :meth:`receive`.
     """
 
@@ -62,7 +62,7 @@ class Recording:
         *,
         per_tick: Iterable[str] = (),
         lockstep: bool = False,
-        progress_ticks: int = 25,
+        progress_ticks: int,
         on_progress: Callable[[], None] | None = None,
     ) -> None:
         self.writer = writer
@@ -78,7 +78,7 @@ class Recording:
         self._on_progress = on_progress
         self._advances = 0
         self._newest = -1
-        self._pending: list[tuple[Stream, bytes, int, int]] = []
+        self._pending: list[tuple[Stream, bytes, int, int, int]] = []
         self._streams: dict[str, Stream] = {}
         #: What the middleware said that it lost, by topic.
         self._lost: dict[str, int] = {}
@@ -106,7 +106,8 @@ class Recording:
     # -- messages ----------------------------------------------------------------------------------------------------
 
     def receive(self, stream: Stream, data: bytes, now: int, sent: int = 0) -> None:
-        """Take one serialised message received at ``now`` and published at ``sent`` [ns] (0: that is not known).
+        """Take one serialised message received at ``now`` and published at ``sent`` [ns] (0: that is not known). A
+        stamp of 0 was never set, and is no time of publication.
 
         Raises
         ------
@@ -120,18 +121,18 @@ class Recording:
         if ticks is not None and stamp > self._newest:
             self._newest = stamp
         if not self._lockstep:
-            self._write(stream.channel, data, now, stamp if stamp >= 0 else sent or now)
+            self._write(stream.channel, data, now, stamp if stamp > 0 else sent or now)
         elif self._newest >= 0:
             if self._pending:
                 self._write_pending()
-            self._write(stream.channel, data, self._newest, stamp if stamp >= 0 else self._newest)
+            self._write(stream.channel, data, self._newest, stamp if stamp > 0 else self._newest)
         elif len(self._pending) < _PENDING_LIMIT:
-            self._pending.append((stream, data, stamp, now))
+            self._pending.append((stream, data, stamp, now, sent))
         else:
             # Nothing ticks here: this is no lockstep run, and the time of reception is all there is.
             self._lockstep = False
             self._write_pending()
-            self._write(stream.channel, data, now, stamp if stamp >= 0 else now)
+            self._write(stream.channel, data, now, stamp if stamp > 0 else sent or now)
         if ticks is not None:
             newest = ticks.newest
             if newest >= 0 < ticks.step == stamp - newest:
@@ -164,9 +165,10 @@ class Recording:
 
     def _write_pending(self) -> None:
         pending, self._pending = self._pending, []
-        for stream, data, stamp, now in pending:
-            log_time = self._newest if self._newest >= 0 else now
-            self._write(stream.channel, data, log_time, stamp if stamp >= 0 else log_time)
+        tick = self._newest
+        for stream, data, stamp, now, sent in pending:
+            log_time, published = (tick, tick) if tick >= 0 else (now, sent or now)
+            self._write(stream.channel, data, log_time, stamp if stamp > 0 else published)
 
     # -- the trial ---------------------------------------------------------------------------------------------------
 
