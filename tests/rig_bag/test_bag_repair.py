@@ -18,11 +18,12 @@ import pytest
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 
 from rig_bag import BagError, BagWriter, info, messages
 from rig_bag.cli import main
-from rig_bag.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_FIXED, MESSAGE_INDEX, frames
+from rig_bag.mcap_records import CHANNEL, CHUNK, MAGIC, MESSAGE, MESSAGE_FIXED, MESSAGE_INDEX, frames
 from rig_bag.mcap_salvage import salvage
 from rig_bag.repair import repair
 from rig_bag.verify import verify
@@ -217,6 +218,39 @@ def test_an_index_that_became_a_message_is_a_loss(trial_bag: Callable[..., Path]
         data[offset] = MESSAGE_INDEX
         assert found.contents.count == count
         assert [(loss.start, loss.end) for loss in found.losses] == [(offset, end)]
+
+
+def test_an_index_that_became_a_message_is_a_loss_where_every_chunk_is_damaged_too(
+    trial_bag: Callable[..., Path],
+) -> None:
+    data = bytearray((trial_bag(ticks=12, chunk_size=1 << 20) / "bag_0.mcap").read_bytes())
+    [chunk] = _chunks(bytes(data))
+    data[sum(chunk) // 2] ^= 4
+    opcode, index, _, end = next(frames(bytes(data), chunk[1], len(data) - len(MAGIC)))
+    assert opcode == MESSAGE_INDEX
+    data[index] = MESSAGE
+    found = salvage(bytes(data), "it")
+    assert (found.contents.count, found.orphans) == (0, 0)
+    assert [(loss.start, loss.end) for loss in found.losses] == [chunk, (index, end)]
+    assert found.contents.channels
+
+
+def test_a_record_that_became_a_chunk_takes_no_message_from_a_file_without_chunks() -> None:
+    stream = io.BytesIO()
+    writer = McapWriter(stream, use_chunking=False)
+    writer.start()
+    schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+    channel = writer.register_channel("/a", "cdr", schema)
+    for number in range(9):
+        writer.add_message(channel, number, bytes(99), number)
+    writer.finish()
+    data = bytearray(stream.getvalue())
+    for opcode, offset, *_ in list(frames(bytes(data), len(MAGIC), len(data) - len(MAGIC))):
+        if opcode in (CHANNEL, MESSAGE):
+            data[offset] = CHUNK
+            found = salvage(bytes(data), "it")
+            data[offset] = opcode
+            assert found.contents.count == 9 - (opcode == MESSAGE)
 
 
 #: It imports nothing of ROS, so that twenty of them start soon.

@@ -76,6 +76,8 @@ class _Run:
     records: bytes = b""
     loss: Loss | None = None
     checked: bool = True
+    #: Whether it is certainly a chunk, whole or not, and no other record whose opcode is damaged.
+    chunk: bool = False
     #: Where it is, if it is a message outside of the chunks.
     outside: tuple[int, int] | None = None
 
@@ -90,7 +92,7 @@ def salvage(data: bytes, name: str) -> Salvage:
     check_begin(data, name)
     contents = Contents()
     runs = list(_runs(data, contents))
-    if any(run.records and run.outside is None for run in runs):
+    if any(run.chunk for run in runs):
         runs = [_Run(loss=Loss(*run.outside, "damaged")) if run.outside is not None else run for run in runs]
     # Definitions first: the one that a message needs may be recovered only from the summary.
     for run in runs:
@@ -126,7 +128,7 @@ def _runs(data: bytes, contents: Contents) -> Iterator[_Run]:
             following = _next_chunk(data, position + 1, size)
             if following is None:
                 begin, end_time = _cut_chunk(data[position:])
-                yield _Run(begin, checked=False)
+                yield _Run(begin, checked=False, chunk=_compressed(data, position))
                 yield _Run(loss=Loss(position, size, "the file is cut", end_time=end_time))
                 return
             yield _Run(loss=Loss(position, following, "damaged"))
@@ -135,13 +137,14 @@ def _runs(data: bytes, contents: Contents) -> Iterator[_Run]:
         content = data[position + FRAME_SIZE : end]
         if opcode == CHUNK:
             try:
-                yield _Run(parse_chunk(content).unpack(position))
+                records = parse_chunk(content).unpack(position)
+                yield _Run(records, chunk=bool(records))
                 bad = None
             except DAMAGE as error:
                 # Its length may be what is damaged: then the next chunk begins before the end that it claims.
                 end = _next_chunk(data, position + 1, end) or end
                 bad = Loss(position, end, str(error))
-                yield _Run(loss=bad)
+                yield _Run(loss=bad, chunk=_compressed(data, position))
         elif opcode == MESSAGE:
             yield _Run(data[position:end], outside=(position, end))
         elif opcode == MESSAGE_INDEX:
@@ -155,6 +158,11 @@ def _runs(data: bytes, contents: Contents) -> Iterator[_Run]:
         position = end
     if not closed:
         yield _Run(loss=Loss(size, size, "the recorder did not close the file: what it had not written yet"))
+
+
+def _compressed(data: bytes, position: int) -> bool:
+    """Whether the record here says where a chunk does how it is compressed."""
+    return data.startswith(_COMPRESSIONS, position + _TO_COMPRESSION)
 
 
 def _frame(data: bytes, position: int) -> tuple[int | None, int]:
