@@ -82,14 +82,14 @@ class Loop:
     """The rig's per-tick topics, a trial's state, and a listener of the recorder's."""
 
     def __init__(self, graph: Any, trial_state: Callable[..., TrialState]) -> None:
-        self._graph = graph
         self._trial_state = trial_state
         self.publishers = {
             name: graph.node.create_publisher(kind, name, QoSProfile(depth=200)) for name, kind in LOOP.items()
         }
         self.trial = graph.node.create_publisher(TrialState, "trial/state", LATCHED)
         self.states: list[RecorderState] = []
-        graph.node.create_subscription(RecorderState, "recorder/state", self.states.append, LATCHED)
+        every = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        graph.node.create_subscription(RecorderState, "recorder/state", self.states.append, every)
 
     def announce(self, phase: int, ticks: int = 0, uid: int = 1) -> None:
         """Publish the state of a trial."""

@@ -9,14 +9,12 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
+from recorded_loop import EPOCH, STEP
 from std_msgs.msg import String
 
 from mig_interfaces.msg import TaskState, TrialState
 from rig_bag import BagWriter
 from rig_bag.recording import Recording, Trial
-
-EPOCH = 1_000_000_000_000
-STEP = 10_000_000
 
 
 @pytest.fixture

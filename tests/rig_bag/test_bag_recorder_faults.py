@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from recorded_loop import LATCHED, Loop, make_recorder, matched, overrides, retime, written
 from rosbags.highlevel import AnyReader
@@ -126,21 +127,28 @@ def test_a_disk_that_fills_closes_the_bag_and_says_so(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_leaves_a_closed_bag(
-    single_graph: Any, tmp_path: Path, number: int, task_state: Callable[[int], TaskState]
+def test_a_signal_leaves_a_closed_bag_with_all_that_has_come(
+    single_graph: Any,
+    tmp_path: Path,
+    number: int,
+    task_state: Callable[[int], TaskState],
+    trial_state: Callable[..., TrialState],
 ) -> None:
     graph = single_graph
     states: list[RecorderState] = []
     graph.node.create_subscription(RecorderState, "recorder/state", states.append, LATCHED)
-    # Latched: from here it cannot be seen when the other process has found this publisher.
-    latched = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    # Latched: from here it cannot be seen when the other process has found this publisher. Of a history that is full,
+    # as this one is by the last message, acknowledgements are asked for at once, and not every 3 s.
+    latched = QoSProfile(depth=40, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = graph.node.create_publisher(TaskState, "task/state", latched)
+    # In a trial that is paced by wall time it looks for messages only now and then.
+    trial = graph.node.create_publisher(TrialState, "trial/state", LATCHED)
+    trial.publish(trial_state(TrialState.PHASE_RUNNING))
     bag = tmp_path / "bag"
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "rig_bag.recorder", "--ros-args", "-r", "__ns:=/rig"),
             *("-p", f"uri:={bag}", "-p", "topics:=[task/state]", "-p", "per_tick_topics:=[task/state]"),
-            *("-p", "progress_ticks:=1", "-p", "follow_trial:=false"),
         ],
         env={**os.environ, "ROS_DOMAIN_ID": str(graph.domain)},
         stderr=subprocess.PIPE,
@@ -149,14 +157,17 @@ def test_a_signal_leaves_a_closed_bag(
     try:
         for tick in range(30):
             publisher.publish(task_state(tick))
-        graph.until(lambda: bool(states) and states[-1].messages == 30, limit=120.0)
+        graph.until(lambda: bool(states) and states[-1].messages == 31, limit=120.0)
+        for tick in range(30, 40):
+            publisher.publish(task_state(tick))
+        assert publisher.wait_for_all_acked(Duration(seconds=10))
         process.send_signal(number)
         graph.until(lambda: process.poll() is not None, limit=120.0)
     finally:
         process.kill()
         _, errors = process.communicate()
     assert process.returncode == 0, errors
-    assert len(read(bag)["/rig/task/state"]) == 30
+    assert len(read(bag)["/rig/task/state"]) == 40
     assert info(bag).metadata.custom_data["closed_because"] == "the recorder was told to end"
     with AnyReader([bag]) as reader:
-        assert reader.message_count == 30
+        assert reader.message_count == 41

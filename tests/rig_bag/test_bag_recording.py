@@ -11,6 +11,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
+from recorded_loop import EPOCH, STEP
 from std_msgs.msg import String
 
 from mig_interfaces.msg import TaskState, TrialState
@@ -18,8 +19,6 @@ from rig_bag import BagWriter, messages
 from rig_bag.mcap_scan import scan
 from rig_bag.recording import Recording, Stream, Trial
 
-EPOCH = 1_000_000_000_000
-STEP = 10_000_000
 NOW = 1_700_000_000_000_000_000
 
 

@@ -64,8 +64,8 @@ def test_before_any_trial_a_stamp_is_no_tick_and_the_first_of_one_is_tick_0(sing
     assert [node.tick_of(stamp) for stamp in (7, 10_000_007, 10_000_008)] == [0, 1, None]
 
 
-def test_only_while_a_trial_is_armed_a_node_wakes_more_than_four_times_a_second(single_graph: Any) -> None:
-    node = single_graph.make(lambda **kwargs: RigNode("node", **kwargs))
+def test_only_while_a_trial_is_armed_a_node_wakes_more_than_four_times_a_second(graph: Any) -> None:
+    node = graph.make(lambda **kwargs: RigNode("node", **kwargs))
 
     def periods() -> list[int]:
         return sorted(timer.timer_period_ns // 1_000_000 for timer in node.timers if not timer.is_canceled())
@@ -74,10 +74,10 @@ def test_only_while_a_trial_is_armed_a_node_wakes_more_than_four_times_a_second(
     node.follow_trial(trial(phase=TrialState.PHASE_ARMING))
     assert periods() == [50, 250]
     node.follow_trial(trial())
-    single_graph.until(lambda: periods() == [250])
+    graph.until(lambda: periods() == [250])
 
 
-def test_between_two_diagnostics_a_node_reports_twice(single_graph: Any) -> None:
+def test_between_two_diagnostics_a_node_reports_twice(graph: Any) -> None:
     said: list[str] = []
 
     class Speaker(RigNode):
@@ -89,8 +89,8 @@ def test_between_two_diagnostics_a_node_reports_twice(single_graph: Any) -> None
             said.append("diagnostics")
             return super().diagnose()
 
-    single_graph.make(lambda **kwargs: Speaker("node", **kwargs))
-    single_graph.until(lambda: len(said) >= 7)
+    graph.make(lambda **kwargs: Speaker("node", **kwargs))
+    graph.until(lambda: len(said) >= 7)
     assert said[:7] == ["report", "report", "diagnostics", "report", "report", "diagnostics", "report"]
 
 
