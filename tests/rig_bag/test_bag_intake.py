@@ -16,6 +16,7 @@ from std_msgs.msg import String
 
 from rig_bag.errors import BagError
 from rig_bag.intake import Intake, Taken
+from rig_bag.recorder import _TAKE_PERIOD_REALTIME
 from rig_bag.selection import Selection
 
 TOPICS = ("/a", "/b", "/c")
@@ -88,6 +89,14 @@ def test_they_come_in_the_order_of_reception_whatever_their_topic(taker: Taker) 
     assert taker.sent == sorted(taker.sent)
     assert begin - 1_000_000 < taker.sent[0]
     assert all(sent <= when for sent, when in zip(taker.sent, times, strict=True))
+
+
+def test_ten_thousand_messages_a_second_on_one_topic_wait_for_the_next_take(taker: Taker) -> None:
+    numbers = range(round(10_000 * _TAKE_PERIOD_REALTIME))
+    for number in numbers:
+        taker.publishers[0].publish(String(data=f"{number}"))
+    assert taker.publishers[0].wait_for_all_acked(Duration(seconds=10))
+    assert [number for _, _, number in taker.take(len(numbers))] == list(numbers)
 
 
 @pytest.mark.parametrize("hours", [-5, 5])

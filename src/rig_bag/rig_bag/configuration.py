@@ -14,8 +14,9 @@ _BY_VERDICT = tuple(topic.name for topic in topics.BY_VERDICT)
 _VIEW = (topics.JOINT_STATES.name, topics.MARKERS.name)
 _BESIDES = (topics.TRIAL_STATE.name, topics.NODE_REPORT.name, *_VIEW, "/diagnostics")
 
-#: [messages] that wait in the middleware while the recorder is busy; in lockstep the pacemaker stays within it.
-QUEUE_DEPTH = 1000
+#: [messages] of a topic that wait in the middleware between two takes; it drops older ones and does not say so. In
+#: lockstep the pacemaker stays within it.
+QUEUE_DEPTH = 2000
 
 #: [ticks] between two words on how far it is: as few as let the pacemaker never wait for one.
 _PROGRESS = topics.RECORDER_WINDOW // 2
