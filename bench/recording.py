@@ -1,7 +1,8 @@
 """What it costs to record the whole graph at 100 Hz, and whether anything is lost: processor time of the recorder's
-process, from /proc, between the trial's begin and its end; then the bag is verified.
+process, from /proc, between the trial's begin and its end; then the bag is verified. Beside it, what the loop itself
+missed, and a C loop at the same rate.
 
-    ./rig run python bench/recording.py --minutes 10
+    RIG_REALTIME=auto ./rig run python bench/recording.py --minutes 10
 """
 
 from __future__ import annotations
@@ -16,13 +17,17 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from jitter import nanosleep_beside
 from live import in_own_domain
+from native import program
 from rows import BenchError
 
 from rig_bag.mcap_scan import scan
 from rig_bag.reader import info
 from rig_bag.verify import verify
+from rig_study.recorded import load as recorded
 
+_PERIOD = 0.01
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -37,7 +42,11 @@ def main() -> int:
         command = [sys.executable, "-m", "rig_bringup", "up", arguments.scenario, "--no-report", "--out", str(out)]
         command += ["--duration", str(60.0 * arguments.minutes)]
         load = os.getloadavg()[0]
-        with subprocess.Popen(command, env=in_own_domain(), stdout=subprocess.PIPE, text=True) as up:
+        with (
+            program("wake") as wake,
+            nanosleep_beside(wake, _PERIOD) as late,
+            subprocess.Popen(command, env=in_own_domain(), stdout=subprocess.PIPE, text=True) as up,
+        ):
             try:
                 shares = _watch(up, out / "bag")
             finally:
@@ -45,7 +54,7 @@ def main() -> int:
                     up.send_signal(signal.SIGINT)
         if up.returncode != 0:
             raise BenchError(f"the trial did not run to its end: exit code {up.returncode}")
-        return _report(out / "bag", shares, load)
+        return _report(out / "bag", shares, late, load)
 
 
 def _watch(up: subprocess.Popen[str], bag: Path) -> list[tuple[float, float]]:
@@ -86,7 +95,7 @@ def _processor_time(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICK
 
 
-def _report(bag: Path, samples: list[tuple[float, float]], load: float) -> int:
+def _report(bag: Path, samples: list[tuple[float, float]], late: list[float], load: float) -> int:
     found = verify(bag)
     # Start and end of the process are not recording; the first samples still hold imports and matching.
     (begin, used), (end, used_then) = samples[3], samples[-2]
@@ -98,6 +107,11 @@ def _report(bag: Path, samples: list[tuple[float, float]], load: float) -> int:
     print(f"recorded      {metadata.duration * 1e-9:.1f} s, {metadata.messages} messages, {size:.1f} MB")
     print(f"recorder      {100.0 * share:.2f} % of a core over {end - begin:.0f} s (wanted: at most 3 %)")
     print(f"lost          {missing} ticks missing, {account['lost']} lost by the recorder's account (wanted: 0)")
+    trial = recorded(bag).trial
+    over = sum(lateness > _PERIOD for lateness in late)
+    print(
+        f"deadlines     {trial.missed_deadlines} of {trial.ticks_published} missed (wanted: 0); C loop: {over} of {len(late)}"
+    )
     print(f"verify        {'ok' if found.ok else 'NOT ok'}")
     print(f"scheduling    {metadata.custom_data['scheduling']}")
     print(f"load          {load:.1f} before, {os.getloadavg()[0]:.1f} after")
