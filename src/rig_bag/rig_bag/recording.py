@@ -195,7 +195,7 @@ class Recording:
         self._lost[topic] = self._lost.get(topic, 0) + count
 
     def note_clock_jump(self, nanoseconds: int) -> None:
-        """The machine's clock was set by this [ns]; the times of reception do not follow it."""
+        """The machine's clock was set by this [ns]; the bag's times do not follow it."""
         self._clock_jumps.append(nanoseconds)
 
     def complete(self) -> bool:
