@@ -109,9 +109,8 @@ def _report(bag: Path, samples: list[tuple[float, float]], late: list[float], lo
     print(f"lost          {missing} ticks missing, {account['lost']} lost by the recorder's account (wanted: 0)")
     trial = recorded(bag).trial
     over = sum(lateness > _PERIOD for lateness in late)
-    print(
-        f"deadlines     {trial.missed_deadlines} of {trial.ticks_published} missed (wanted: 0); C loop: {over} of {len(late)}"
-    )
+    deadlines = f"{trial.missed_deadlines} of {trial.ticks_published} missed (wanted: 0)"
+    print(f"deadlines     {deadlines}; a C loop beside it: {over} of {len(late)}")
     print(f"verify        {'ok' if found.ok else 'NOT ok'}")
     print(f"scheduling    {metadata.custom_data['scheduling']}")
     print(f"load          {load:.1f} before, {os.getloadavg()[0]:.1f} after")
