@@ -52,6 +52,10 @@ class Line:
                     )
                 for command in (f"addr add {address} dev {device}", f"link set {device} up", "link set lo up"):
                     _run(*side, "ip", *command.split())
+            for side, device in (([], _NEAR), (self.far, _FAR)):
+                # The kernel may take a second to say so, and the middleware leaves out what is not up when it starts.
+                while "state UP" not in _run(*side, "ip", "link", "show", "dev", device):
+                    time.sleep(0.01)
         except subprocess.CalledProcessError as error:
             self.close()
             raise NotHereError(f"needs the right to join network namespaces: {error.stderr.strip()}") from None
@@ -78,8 +82,8 @@ class Line:
         self._holder.wait()
 
 
-def _run(*command: str) -> None:
-    subprocess.run(command, check=True, capture_output=True, text=True)
+def _run(*command: str) -> str:
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
 class SplitGraph(LiveGraph):
@@ -115,17 +119,17 @@ class SplitGraph(LiveGraph):
 
 @row("network/cut", "the line to the filter is cut", "no force; goes on when it is mended", LIMIT, SplitGraph)
 def _cut(graph: SplitGraph, repeats: int) -> Seen:
-    zero = []
+    zero, moved = [], graph.hand.motions
     for _ in range(min(repeats, 50)):
+        graph.recover()
         _beside(graph, 1.0)
-        graph.wait(lambda: graph.hand.motions[-1].force == 0.0, "the force has not become zero", limit=10.0)
+        graph.wait(lambda: bool(moved) and moved[-1].force == 0.0, "the force has not become zero", limit=10.0)
         # When the packets were lost is not known to a tick; the last force that still came is before that.
-        moved = graph.hand.motions
         last = max(k for k, heard in enumerate(moved) if heard.force)
         zero.append(moved[last + 1].at - moved[last].at)
         _beside(graph, 0.0)
-        graph.hand.motions.clear()
-        graph.recover()
+        moved.clear()
+    graph.recover()
     return Seen(zero)
 
 
