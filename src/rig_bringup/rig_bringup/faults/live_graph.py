@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -293,8 +294,9 @@ class LiveGraph:
         """
         self.end(self.processes["recorder"])
         try:
-            repaired = self.meanwhile(lambda: repair(self.bags[-1]), "the bag is still being repaired")
-            found = self.meanwhile(lambda: verify(repaired.out or self.bags[-1]), "the bag is still being verified")
+            repaired = self.meanwhile(lambda: _apart(repair, self.bags[-1]), "the bag is still being repaired")
+            whole = repaired.out or self.bags[-1]
+            found = self.meanwhile(lambda: _apart(verify, whole), "the bag is still being verified")
         except BagError as error:
             raise FaultError(f"the bag cannot be repaired: {error}") from error
         count = sum(repaired.messages.values())
@@ -303,6 +305,12 @@ class LiveGraph:
         if problems := self.problems(found):
             raise FaultError(f"the repaired bag is not as it should be: {'; '.join(problems)}")
         return f"{count} messages in the repaired bag"
+
+
+def _apart(function: Callable[[Path], T], bag: Path) -> T:
+    """Call it in a process of its own: in a thread its work would keep the hand from the interpreter for seconds."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as beside:
+        return beside.submit(function, bag).result()
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from rig_bringup.faults.rows import LIMIT, Inject, NotHereError, Seen, row
 
 _CLONE_NEWNET = 0x40000000
 _NEAR, _FAR = "rignear", "rigfar"
+_UP_LIMIT = 10.0  # [s]
 
 #: A program for the kernel's filter that drops a packet if a random number is below a bound, for kernels without netem:
 #: load random; jump if not below; drop; pass.
@@ -52,13 +53,20 @@ class Line:
                     )
                 for command in (f"addr add {address} dev {device}", f"link set {device} up", "link set lo up"):
                     _run(*side, "ip", *command.split())
-            for side, device in (([], _NEAR), (self.far, _FAR)):
-                # The kernel may take a second to say so, and the middleware leaves out what is not up when it starts.
-                while "state UP" not in _run(*side, "ip", "link", "show", "dev", device):
-                    time.sleep(0.01)
+            self._wait_until_up()
         except subprocess.CalledProcessError as error:
             self.close()
             raise NotHereError(f"needs the right to join network namespaces: {error.stderr.strip()}") from None
+
+    def _wait_until_up(self) -> None:
+        # The kernel may take a second to say so, and the middleware leaves out what is not up when it starts.
+        end = time.monotonic() + _UP_LIMIT
+        for side, device in (([], _NEAR), (self.far, _FAR)):
+            while "state UP" not in _run(*side, "ip", "link", "show", "dev", device):
+                if time.monotonic() > end:
+                    self.close()
+                    raise NotHereError(f"needs a line that comes up; {device} has not within {_UP_LIMIT:.0f} s")
+                time.sleep(0.01)
 
     def lose(self, share: float) -> str:
         """Lose this share of the packets, both ways; returns by what means."""

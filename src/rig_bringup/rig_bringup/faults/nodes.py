@@ -129,6 +129,7 @@ def _recorder_overrun(graph: LiveGraph, _: int) -> Seen:
         return graph.recorded().lost
 
     before = lost()
+    graph.hand.forget()
     graph.stop("recorder")
     try:
         graph.ticks(8 * topics.DEPTH)
@@ -223,6 +224,7 @@ def _stale_states(graph: LiveGraph, _: int) -> Seen:
 def _parameters(graph: LiveGraph, _: int) -> Seen:
     client = AsyncParameterClient(graph.hand, "mig_filter")
     graph.wait(client.services_are_ready, "the filter's parameters are not served")
+    graph.hand.forget()
     moments, refused = random.Random(3), 0
     for k in range(100):
         wrong = [
