@@ -92,6 +92,8 @@ class LiveGraph:
             rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
             arguments = ["--ros-args", "-r", f"__ns:=/{namespace}"]
             self.hand = Hand(context=self._context, cli_args=arguments, use_global_arguments=False)
+        #: Topics on which the hand has spoken out of turn since the bag began: their stamps may go back in it.
+        self.out_of_turn = {topics.WRENCH.name}
         #: How the hand answers while nothing is wrong.
         self.good = self.hand.push
         self.executor = make_executor(self._context)
@@ -238,6 +240,7 @@ class LiveGraph:
     def new_bag(self) -> None:
         """Begin another bag, whatever became of the one before, and wait until there is something in it on the disk."""
         self.end(self.processes["recorder"])
+        self.out_of_turn = {topics.WRENCH.name}
         self.start("recorder")
 
         def size() -> int:
@@ -280,10 +283,10 @@ class LiveGraph:
         return f"{sum(found.counts.values())} messages, undamaged; {len(recorded)} decisions, every gap told"
 
     def problems(self, found: Verification) -> list[str]:
-        """What is wrong with a bag besides what the table did: ticks that nobody answered, wrenches out of order."""
-        wrench = f"/{self.namespace}/{topics.WRENCH.name}: the stamp goes back"
+        """What is wrong with a bag besides what the table did: ticks that nobody answered, stamps out of order."""
+        own = tuple(f"/{self.namespace}/{topic}: the stamp goes back" for topic in self.out_of_turn)
         checks = [check for check in found.checks if check.name != "ticks"]
-        return [problem for check in checks for problem in check.problems if not problem.startswith(wrench)]
+        return [problem for check in checks for problem in check.problems if not problem.startswith(own)]
 
     def repair(self) -> str:
         """Make a whole bag of the one that was cut, and say how much it holds.
