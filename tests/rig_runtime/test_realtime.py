@@ -14,7 +14,7 @@ import pytest
 from rig_bringup.provision import doctor
 from rig_bringup.up import scheduling
 from rig_runtime import realtime
-from rig_runtime.realtime import RealtimeError, Settings, memory_refusal, release_fifo, request_fifo
+from rig_runtime.realtime import ONE, RealtimeError, Settings, memory_refusal, release_fifo, request_fifo
 
 #: Settings in a process that has imported what it needs and may then have lost every privilege.
 _APPLY = """
@@ -123,11 +123,22 @@ def test_processors_may_be_written_as_ranges() -> None:
         assert Settings.from_environment({"RIG_CPUS": text}).cpus <= set(usable)
 
 
+def test_a_graph_in_one_process_keeps_to_one_processor_in_real_time() -> None:
+    usable = os.sched_getaffinity(0)
+    kept = Settings.from_environment({"RIG_REALTIME": "auto"}, cpus=ONE).cpus
+    assert len(kept) == 1
+    assert kept <= usable
+    assert not Settings.from_environment({}, cpus=ONE).cpus
+    assert not Settings.from_environment({"RIG_REALTIME": "auto"}).cpus
+    assert not Settings.from_environment({"RIG_REALTIME": "auto", "RIG_CPUS": "all"}, cpus=ONE).cpus
+    assert len(Settings.from_environment({"RIG_CPUS": "one"}).cpus) == 1
+
+
 @pytest.mark.parametrize(
     ("variable", "value", "words"),
     [
         ("RIG_REALTIME", "on", "one of off, auto, require"),
-        ("RIG_CPUS", "first", "write them as 0,2-3"),
+        ("RIG_CPUS", "first", "write them as 0,2-3, or all, or one"),
         ("RIG_CPUS", "100000", "not all of these are usable here"),
     ],
 )

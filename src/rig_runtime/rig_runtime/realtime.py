@@ -3,7 +3,11 @@
 Two environment variables ask for them, because they must hold before the middleware starts, when no parameter is read:
 
     RIG_REALTIME   off (the default), auto: what is permitted, require: an error if anything is not
-    RIG_CPUS       processors to run on, such as 0,2-3; all if not set
+    RIG_CPUS       processors to run on, such as 0,2-3; `all`; or `one`, the one that the process has started on
+
+Without RIG_CPUS it is all of them, but for a whole graph in one process with real-time scheduling, which takes one. Its
+nodes answer one after the other and Python's interpreter serves one thread at a time, so another processor adds nothing
+but the middleware's threads that wake up there and make the loop wait for what they hold.
 
 `./rig up` asks for `auto` where the trial is paced by wall time. A graph in lockstep takes all the time it gets and
 must never run before everything else, so there it asks for `off`. Nothing but Python is needed here: `./rig doctor`
@@ -27,6 +31,9 @@ PRIORITY = 20
 
 MODES = ("off", "auto", "require")
 
+#: Words for processors.
+ALL, ONE = "all", "one"
+
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
 
@@ -43,8 +50,8 @@ class Settings:
     cpus: frozenset[int] = frozenset()
 
     @classmethod
-    def from_environment(cls, environment: Mapping[str, str] = os.environ) -> Settings:
-        """From RIG_REALTIME and RIG_CPUS.
+    def from_environment(cls, environment: Mapping[str, str] = os.environ, *, cpus: str = ALL) -> Settings:
+        """From RIG_REALTIME and RIG_CPUS; `cpus` is for a process with real-time scheduling and no word on RIG_CPUS.
 
         Raises
         ------
@@ -53,17 +60,21 @@ class Settings:
         mode = environment.get("RIG_REALTIME") or "off"
         if mode not in MODES:
             raise RealtimeError(f"RIG_REALTIME={mode} is not known; it must be one of {', '.join(MODES)}")
-        return cls(mode, _processors(environment.get("RIG_CPUS", "")))
+        return cls(mode, _processors(environment.get("RIG_CPUS") or (ALL if mode == "off" else cpus)))
 
 
 def _processors(text: str) -> frozenset[int]:
+    if text == ALL:
+        return frozenset()
+    if text == ONE:
+        return frozenset({ctypes.CDLL(None).sched_getcpu()})
     chosen: set[int] = set()
     try:
         for part in filter(None, (part.strip() for part in text.split(","))):
             first, _, last = part.partition("-")
             chosen.update(range(int(first), int(last or first) + 1))
     except ValueError:
-        raise RealtimeError(f"RIG_CPUS={text} names no processors; write them as 0,2-3") from None
+        raise RealtimeError(f"RIG_CPUS={text} names no processors; write them as 0,2-3, or all, or one") from None
     usable = os.sched_getaffinity(0)
     if not chosen <= usable:
         names = " ".join(map(str, sorted(usable)))

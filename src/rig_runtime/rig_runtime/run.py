@@ -25,7 +25,7 @@ from rclpy.task import Future
 
 from rig_runtime.clocks import wall_ahead_of_steady
 from rig_runtime.node import RigNode
-from rig_runtime.realtime import Realtime, RealtimeError, Settings
+from rig_runtime.realtime import ALL, Realtime, RealtimeError, Settings
 from shared_control.parameters import ParameterError
 
 RCLError: type[RuntimeError] = rclpy_implementation.RCLError
@@ -119,17 +119,20 @@ class _SignalTaker:
                 self._action()
 
 
-def run(*factories: NodeFactory, args: Sequence[str] | None = None, executor: str | None = None) -> int:
+def run(
+    *factories: NodeFactory, args: Sequence[str] | None = None, executor: str | None = None, cpus: str = ALL
+) -> int:
     """Make the nodes, spin them on one executor and return the exit code.
 
     `args` are the process's own, ROS arguments included (default: `sys.argv`). A parameter that is not allowed, or a
     middleware that refuses (no keys for its security), is reported in one sentence, exit code 2. `RIG_EXECUTOR` chooses
-    the executor where the call does not; what `rig_runtime.realtime` reads from the environment is applied.
+    the executor where the call does not; what `rig_runtime.realtime` reads from the environment is applied, where `cpus`
+    stands in for RIG_CPUS.
     """
     signals = _SignalTaker()
     nodes: list[RigNode] = []
     try:
-        realtime = Realtime(Settings.from_environment())
+        realtime = Realtime(Settings.from_environment(cpus=cpus))
         realtime.before_middleware()
         try:
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
