@@ -47,8 +47,10 @@ def timer(period: float, count: int) -> list[float]:
 
 
 def nanosleep(wake: Path, period: float, count: int) -> list[float]:
-    """Lateness of each wake of the C loop [s], as a child of this process with the scheduling of this process."""
+    """Lateness of each wake of the C loop [s], scheduled as a paced node is."""
     command = [str(wake), str(round(1e9 * period)), str(count)]
+    if Settings.from_environment().mode != "off":
+        command.append(str(PRIORITY))
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     return [1e-9 * int(line) for line in said.split()]
 

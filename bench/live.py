@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rows import BenchError
 
-from rig_runtime.realtime import ONE, Realtime, Settings
+from rig_runtime.realtime import ONE, Realtime, Settings, release_fifo
 from rig_runtime.run import make_executor
 
 #: Another one for each graph, beyond those of the tests.
@@ -52,6 +52,7 @@ class Live:
             node.destroy_node()
         rclpy.shutdown(context=self._context)
         os.sched_setaffinity(0, self._processors)
+        release_fifo()
 
     def node(self, name: str, namespace: str = "") -> Node:
         """A bare node."""
@@ -65,8 +66,7 @@ class Live:
         for parameter in parameters:
             arguments += ["-p", parameter]
         made = factory(context=self._context, cli_args=arguments, use_global_arguments=False)
-        with self.realtime.suspended():
-            made.prepare()
+        made.prepare()
         return self._add(made)
 
     def _add(self, node: Any) -> Any:

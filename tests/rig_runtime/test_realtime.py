@@ -18,7 +18,7 @@ from rig_runtime.realtime import ONE, RealtimeError, Settings, memory_refusal, r
 
 #: Settings in a process that has imported what it needs and may then have lost every privilege.
 _APPLY = """
-import os, resource, sys
+import os, resource, sys, threading
 from rig_runtime.realtime import Realtime, RealtimeError, Settings
 if sys.argv[1] == "unprivileged":
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
@@ -26,18 +26,27 @@ if sys.argv[1] == "unprivileged":
     if os.getuid() == 0:
         os.setgroups([])
         os.setuid(65534)
+class Thread(threading.Thread):
+    def __init__(self):
+        super().__init__(target=threading.Event().wait, daemon=True)
+        self.start()
+    def fifo(self):
+        return os.sched_getscheduler(self.native_id) == os.SCHED_FIFO
 try:
     realtime = Realtime(Settings.from_environment())
+    library = Thread()
     realtime.before_middleware()
-    with realtime.suspended():
-        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    middleware = Thread()
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
     realtime.before_ticks()
+    later = Thread()
 except RealtimeError as error:
     sys.exit(str(error))
 locked = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmLck"))
 print(os.sched_getscheduler(0) == os.SCHED_FIFO, locked > 0, len(realtime.refused), sep="|")
 print(sorted(os.sched_getaffinity(0)))
 print(realtime.describe())
+print(library.fifo(), middleware.fifo(), later.fifo(), sep="|")
 """
 
 
@@ -64,19 +73,22 @@ def test_what_is_permitted_is_granted_and_reported() -> None:
     release_fifo()
     may_lock = not memory_refusal()
     result = apply("as started", RIG_REALTIME="auto")
-    held, _, said = result.stdout.splitlines()
+    held, _, said, threads = result.stdout.splitlines()
     refused = (not may_schedule) + (not may_lock)
     assert held == f"{may_schedule}|{may_lock}|{refused}"
     assert ("SCHED_FIFO 20" in said) is may_schedule
     assert ("memory locked" in said) is may_lock
+    # A thread that a library has started before the middleware has no part in the loop.
+    assert threads == f"False|{may_schedule}|{may_schedule}"
     assert result.stderr.count("./rig doctor") == refused
     assert (apply("as started", RIG_REALTIME="require").returncode == 0) is (refused == 0)
 
 
 def test_what_is_refused_is_reported_and_stops_nothing() -> None:
     result = apply("unprivileged", RIG_REALTIME="auto")
-    held, _, said = result.stdout.splitlines()
+    held, _, said, threads = result.stdout.splitlines()
     assert held == "False|False|2"
+    assert threads == "False|False|False"
     assert "no SCHED_FIFO" in said
     assert "no locked memory: limit memlock 64, wanted unlimited" in said
     assert result.stderr.count("./rig doctor says how to allow it") == 2

@@ -1,6 +1,6 @@
 """Settings of the process for a steady loop: real-time scheduling, locked memory, processors, the garbage collector.
 
-Two environment variables ask for them, because they must hold before the middleware starts, when no parameter is read:
+Two environment variables ask for them, because they concern a process, whatever nodes it has and parameters they read:
 
     RIG_REALTIME   off (the default), auto: what is permitted, require: an error if anything is not
     RIG_CPUS       processors to run on, such as 0,2-3; `all`; or `one`, the one that the process has started on
@@ -22,7 +22,7 @@ import gc
 import os
 import resource
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,7 +83,7 @@ def _processors(text: str) -> frozenset[int]:
 
 
 class Realtime:
-    """Applies settings at the moments in a process's life at which each can take hold.
+    """Applies settings, each at the moment in a process's life at which it can take hold.
 
     Raises
     ------
@@ -94,29 +94,35 @@ class Realtime:
         self._settings = settings
         #: What was asked for and not granted, in words.
         self.refused: list[str] = []
+        #: Threads that are none of the middleware's.
+        self._others: set[int] = set()
 
     def before_middleware(self) -> None:
-        """Choose processors and scheduling; the threads that the middleware starts inherit both."""
+        """Choose processors, which every thread inherits; ask for what can be refused, so that it is said at once."""
+        self._others = threads()
         if self._settings.cpus:
             os.sched_setaffinity(0, self._settings.cpus)
         if self._settings.mode != "off":
-            self._note("SCHED_FIFO", request_fifo())
-
-    @contextlib.contextmanager
-    def suspended(self) -> Iterator[None]:
-        """Ordinary scheduling for this thread: what takes seconds (compiling, loading) must not hold up the machine."""
-        if os.sched_getscheduler(0) != os.SCHED_FIFO:
-            yield
-            return
-        release_fifo()
-        yield
-        request_fifo()
+            refusal = request_fifo()
+            if not refusal:
+                release_fifo()
+            self._note("SCHED_FIFO", refusal)
 
     def before_ticks(self) -> None:
-        """Lock what is in memory by now, and what will be; keep the garbage collector from looking at it."""
+        """Keep the garbage collector from what is loaded, lock it in memory, and come before everything else.
+
+        Not earlier: to load, compile and set up takes a second, and must not hold up a graph that runs, nor use up what
+        the kernel allows real-time threads in a second. This thread and those that the middleware has started are
+        scheduled alike; those that libraries had started before have no part in the loop.
+        """
+        freeze_garbage()
         if self._settings.mode != "off":
             self._note("locked memory", request_memory())
-        freeze_garbage()
+            if not request_fifo():
+                for thread in threads() - self._others:
+                    # It may have ended meanwhile.
+                    with contextlib.suppress(ProcessLookupError):
+                        _schedule(thread)
 
     def _note(self, what: str, refusal: str) -> None:
         if not refusal:
@@ -137,10 +143,19 @@ class Realtime:
         return "; ".join([", ".join(parts), *self.refused])
 
 
+def threads() -> set[int]:
+    """Every thread of this process, by the kernel's number."""
+    return {int(entry.name) for entry in os.scandir("/proc/self/task")}
+
+
+def _schedule(thread: int) -> None:
+    os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
+
+
 def request_fifo() -> str:
     """Give this thread SCHED_FIFO; returns why that is refused, or nothing."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        _schedule(0)
     except OSError as error:
         return f"{error.strerror} (limit rtprio {limit('rtprio')}, wanted {PRIORITY})"
     return ""

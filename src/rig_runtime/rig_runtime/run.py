@@ -141,9 +141,8 @@ def run(
         except RCLError as error:
             print(f"error: {refusal_of_middleware(error)}", file=sys.stderr)
             return 2
-        with realtime.suspended():
-            for node in nodes:
-                node.prepare()
+        for node in nodes:
+            node.prepare()
         return _serve(nodes, signals, realtime, executor or os.environ.get("RIG_EXECUTOR", "events"))
     except (ParameterError, RealtimeError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -182,8 +181,7 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
     look = min(node.longest_standstill for node in nodes)
     watch_clock(lambda seconds: executor.create_task(stepped_back, seconds), look)
     signals.call(lambda: executor.create_task(stop_all))
-    with realtime.suspended():  # to collect what start-up left takes as long as several ticks of a graph that runs
-        realtime.before_ticks()
+    realtime.before_ticks()
     for node in nodes:
         node.scheduling = realtime.describe()
     spin(executor, nodes)
