@@ -44,8 +44,8 @@ def parser() -> argparse.ArgumentParser:
         description="Run one trial on the live ROS 2 graph: start the nodes, wait until all endpoints match, run, "
         "record to a bag, report. Ctrl-C at any moment leaves a closed, readable bag and no process behind.",
         epilog="environment: RIG_REALTIME=off|auto|require asks for real-time scheduling and locked memory in trials "
-        "paced by wall time (auto: what is permitted; ./rig doctor says what is), RIG_CPUS=0,2-3|all|one for processors "
-        "(all; one for a composed graph in real time)",
+        "paced by wall time (auto: what is permitted; ./rig doctor says what is), RIG_CPUS=0,2-3|all|one for "
+        "processors (all; one for a composed graph in real time)",
     )
     result.add_argument(
         "scenario", nargs="?", help=f"name under config/, or a path ({DEFAULT_SCENARIO}, or that of --user-from)"

@@ -126,8 +126,8 @@ def run(
 
     `args` are the process's own, ROS arguments included (default: `sys.argv`). A parameter that is not allowed, or a
     middleware that refuses (no keys for its security), is reported in one sentence, exit code 2. `RIG_EXECUTOR` chooses
-    the executor where the call does not; what `rig_runtime.realtime` reads from the environment is applied, where `cpus`
-    stands in for RIG_CPUS.
+    the executor where the call does not; what `rig_runtime.realtime` reads from the environment is applied, with `cpus`
+    in place of RIG_CPUS where that is not set.
     """
     signals = _SignalTaker()
     nodes: list[RigNode] = []
