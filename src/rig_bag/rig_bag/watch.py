@@ -11,7 +11,7 @@ from rig_runtime.clocks import wall_ahead_of_steady
 
 __all__ = ["EndWatch", "PublisherWatch", "SteadyWallClock"]
 
-#: [ns] By less than this a clock is trimmed, and not set.
+#: [ns] By less than this from one look to the next a clock is trimmed, and not set.
 _TOLERANCE = 50_000_000
 
 
@@ -32,12 +32,9 @@ class SteadyWallClock:
 
     def jump(self) -> int:
         """[ns] by which the machine's wall time was set since the last look; 0 if it was not."""
-        offset = wall_ahead_of_steady(self._wall, self._steady)
-        jump = offset - self._seen
-        if abs(jump) <= _TOLERANCE:
-            return 0
-        self._seen = offset
-        return jump
+        before, self._seen = self._seen, wall_ahead_of_steady(self._wall, self._steady)
+        jump = self._seen - before
+        return jump if abs(jump) > _TOLERANCE else 0
 
 
 class PublisherWatch:
