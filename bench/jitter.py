@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import subprocess
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from live import STEADY, Live
@@ -46,32 +48,59 @@ def timer(period: float, count: int) -> list[float]:
     return late[:count]
 
 
+@dataclass
+class Wakes:
+    """The wake-ups of a C loop: wake-up k (from 1) was due at begin + k period."""
+
+    period: float  # [s]
+    begin: float = math.nan  # [s] of the steady clock
+    late: list[float] = field(default_factory=list)  # [s]
+
+    def take(self, said: str) -> None:
+        """From what the C loop has printed."""
+        begin, *late = (1e-9 * int(line) for line in said.split())
+        self.begin, self.late = begin, late
+
+    def held_up(self, begin: float, end: float) -> float:
+        """How much of the time from `begin` to `end` [s of the steady clock] passed while a wake-up was overdue [s]."""
+        total, until = 0.0, begin
+        # A stall of any length that reaches into this time is that of a wake-up that was due before its end.
+        first = max(round((begin - self.begin - max(self.late)) / self.period) - 2, 0)
+        for k in range(first, min(int((end - self.begin) / self.period), len(self.late))):
+            due = self.begin + (k + 1) * self.period
+            over = min(due + self.late[k], end)
+            total += max(over - max(due, until), 0.0)
+            until = max(until, over)
+        return total
+
+
 def nanosleep(wake: Path, period: float, count: int) -> list[float]:
     """Lateness of each wake of the C loop [s], scheduled as a paced node is."""
-    command = [str(wake), str(round(1e9 * period)), str(count)]
-    if Settings.from_environment().mode != "off":
-        command.append(str(PRIORITY))
-    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    return [1e-9 * int(line) for line in said.split()]
+    command = [str(wake), str(round(1e9 * period)), str(count), *_priority(PRIORITY)]
+    wakes = Wakes(period)
+    wakes.take(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return wakes.late
 
 
 @contextlib.contextmanager
-def nanosleep_beside(wake: Path, period: float) -> Iterator[list[float]]:
-    """The same for as long as the block takes; the list is full after it.
+def nanosleep_beside(wake: Path, period: float) -> Iterator[Wakes]:
+    """The same for as long as the block takes; known after it.
 
     What the machine alone does to a loop is seen at the same moments thereby. Where a graph's nodes are scheduled in
     real time the C loop comes before them: what holds it up is none of their work.
     """
-    late: list[float] = []
-    command = [str(wake), str(round(1e9 * period)), str(round(_LONGEST / period))]
-    if Settings.from_environment().mode != "off":
-        command.append(str(PRIORITY + 1))
+    wakes = Wakes(period)
+    command = [str(wake), str(round(1e9 * period)), str(round(_LONGEST / period)), *_priority(PRIORITY + 1)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            yield late
+            yield wakes
         finally:
             process.terminate()
-            late.extend(1e-9 * int(line) for line in process.communicate()[0].split())
+            wakes.take(process.communicate()[0])
+
+
+def _priority(priority: int) -> list[str]:
+    return [] if Settings.from_environment().mode == "off" else [str(priority)]
 
 
 def rows(runs: int) -> list[Row]:

@@ -163,11 +163,11 @@ def kilohertz(runs: int) -> list[Row]:
     missed, over = [], []
     with program("wake") as wake:
         for _ in range(runs):
-            with nanosleep_beside(wake, period) as late:
+            with nanosleep_beside(wake, period) as wakes:
                 trial = _trial(pacing="realtime", duration=seconds, sample_time=period, horizon=0.15)
             left = period - statistics.median(trial.latencies)
             missed.append(100.0 * trial.missed / round(seconds / period))
-            over.append(100.0 * statistics.fmean(lateness > left for lateness in late))
+            over.append(100.0 * statistics.fmean(lateness > left for lateness in wakes.late))
     what = "ticks that found the loop not closed at 1 kHz, 60 s in all, composed"
     # What makes a wake-up as late as that makes a tick miss its deadline whatever its work is.
     baseline = "clock_nanosleep in C beside it, later than a median tick leaves over"

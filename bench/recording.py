@@ -44,7 +44,7 @@ def main() -> int:
         load = os.getloadavg()[0]
         with (
             program("wake") as wake,
-            nanosleep_beside(wake, _PERIOD) as late,
+            nanosleep_beside(wake, _PERIOD) as wakes,
             subprocess.Popen(command, env=in_own_domain(), stdout=subprocess.PIPE, text=True) as up,
         ):
             try:
@@ -54,7 +54,7 @@ def main() -> int:
                     up.send_signal(signal.SIGINT)
         if up.returncode != 0:
             raise BenchError(f"the trial did not run to its end: exit code {up.returncode}")
-        return _report(out / "bag", shares, late, load)
+        return _report(out / "bag", shares, wakes.late, load)
 
 
 def _watch(up: subprocess.Popen[str], bag: Path) -> list[tuple[float, float]]:

@@ -1,5 +1,6 @@
-/* How late a bare clock_nanosleep loop wakes: wake PERIOD_NS COUNT [PRIORITY] prints the lateness of each wake [ns], of
-   COUNT or until SIGTERM; with SCHED_FIFO where a priority is given and permitted. */
+/* How late a bare clock_nanosleep loop wakes: wake PERIOD_NS COUNT [PRIORITY] prints the steady time of its begin [ns],
+   then the lateness of each wake [ns], of COUNT or until SIGTERM; with SCHED_FIFO where a priority is given and
+   permitted. */
 #define _POSIX_C_SOURCE 200112L
 #include <sched.h>
 #include <signal.h>
@@ -17,7 +18,7 @@ static void end(int number)
 
 int main(int argc, char **argv)
 {
-    long long period = atoll(argv[1]), count = atoll(argv[2]), due, k;
+    long long period = atoll(argv[1]), count = atoll(argv[2]), begin, due, k;
     long long *late = malloc(count * sizeof *late);
     struct timespec t;
     if (argc > 3) {
@@ -26,7 +27,7 @@ int main(int argc, char **argv)
     }
     signal(SIGTERM, end);
     clock_gettime(CLOCK_MONOTONIC, &t);
-    due = t.tv_sec * 1000000000LL + t.tv_nsec;
+    due = begin = t.tv_sec * 1000000000LL + t.tv_nsec;
     for (k = 0; k < count && !told_to_end; k++) {
         due += period;
         t.tv_sec = due / 1000000000LL;
@@ -36,6 +37,7 @@ int main(int argc, char **argv)
         late[k] = t.tv_sec * 1000000000LL + t.tv_nsec - due;
     }
     count = k;
+    printf("%lld\n", begin);
     for (k = 0; k < count; k++) printf("%lld\n", late[k]);
     return 0;
 }

@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 
 from rig_bringup.faults.cli import main
+from rig_bringup.faults.people import PersonGraph
+from rig_bringup.faults.rows import ROWS, Row, Seen
 
 #: Some that make the force zero: a wrench that is bad, or none; a node stopped, killed, started again.
 ZERO = ("wrench/nan", "wrench/silent", "filter/stopped", "filter/killed", "task/killed", "person/filter killed")
@@ -37,6 +39,21 @@ def test_what_there_is_no_row_for_is_said(capsys) -> None:
     assert main(["wrench/purple"]) == 2
     assert "no row begins with wrench/purple; rows: wrench/nan" in capsys.readouterr().err
     assert main(["--repeats", "0"]) == 2
+
+
+def test_a_row_that_was_not_come_to_has_failed_and_the_others_are_done(capfd, monkeypatch, tmp_path: Path) -> None:
+    # The process that does the rows does not know of it, and ends.
+    monkeypatch.setitem(ROWS, "unknown", Row("a row", "nothing", lambda *_: Seen([]), on=PersonGraph))
+    out = tmp_path / "faults.json"
+    assert main(["unknown", "start/node interrupted", "--out", str(out)]) == 1
+    assert "KeyError: 'unknown'" in capfd.readouterr().err
+    results = json.loads(out.read_text())
+    assert {name: result["passed"] for name, result in results.items()} == {
+        "start/node interrupted": True,
+        "plain: the bag": True,
+        "unknown": False,
+    }
+    assert results["unknown"]["remark"] == "not done: what stands above ended it"
 
 
 def test_the_rows_are_listed(capsys) -> None:

@@ -61,10 +61,7 @@ def main(argv: Sequence[str]) -> int:
     # In the order of the table, but all that is done to one kind of graph together.
     for kind in dict.fromkeys(row.on for row in chosen.values()):
         names = [name for name, row in chosen.items() if row.on is kind]
-        done = _apart(names, options)
-        if done is None:
-            return 1
-        results |= done
+        results |= _apart(names, options)
     failed = [name for name, result in results.items() if not result["passed"]]
     left_out = [name for name, result in results.items() if result.get("needs")]
     print(
@@ -76,8 +73,8 @@ def main(argv: Sequence[str]) -> int:
     return 1 if failed else 0
 
 
-def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str, Any]] | None:
-    """Do rows of one kind of graph in a process of their own; None if it ended without results.
+def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Do rows of one kind of graph in a process of their own; a row that it did not come to has failed.
 
     The middleware keeps what it once knew of the network for as long as a process lives.
     """
@@ -86,30 +83,34 @@ def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str,
     process = context.Process(target=_work, args=(there, names, options))
     process.start()
     there.close()
+    done: dict[str, dict[str, Any]] = {}
     try:
-        return here.recv()
+        while True:
+            name, result = here.recv()
+            done[name] = result
     except EOFError:
-        return None
-    finally:
         process.join()
+    for name in names:
+        if name not in done:
+            done[name] = {"passed": False, "zero": [], "stalls": [], "remark": "not done: what stands above ended it"}
+            print(_line(name, ROWS[name], done[name]), flush=True)
+    return done
 
 
 def _work(results: Connection, names: list[str], options: argparse.Namespace) -> None:
     rows = {name: ROWS[name] for name in names}
     kind = rows[names[0]].on
-    done: dict[str, dict[str, Any]] = {}
 
     def show(name: str, row: Row, result: dict[str, Any]) -> None:
-        done[name] = result
+        results.send((name, result))
         print(_line(name, row, result), flush=True)
 
     with tempfile.TemporaryDirectory() as folder:
         if kind is None:
             for name, row in rows.items():
                 show(name, row, _judge(Path(folder), row, options))
-        elif not _on_graph(kind, Path(folder) / kind.kind, rows, options, show):
-            return
-    results.send(done)
+        else:
+            _on_graph(kind, Path(folder) / kind.kind, rows, options, show)
 
 
 def _on_graph(
@@ -118,8 +119,8 @@ def _on_graph(
     rows: dict[str, Row],
     options: argparse.Namespace,
     show: Callable[[str, Row, dict[str, Any]], None],
-) -> bool:
-    """Do rows to one graph, and check its bag; False if the graph does not go on."""
+) -> None:
+    """Do rows to one graph, and check its bag."""
     try:
         with kind(folder) as graph:
             for name, row in rows.items():
@@ -131,8 +132,6 @@ def _on_graph(
             show(name, row, _left_out(lack))
     except FaultError as error:
         print(f"error: the {kind.kind} graph does not go on: {error}", file=sys.stderr)
-        return False
-    return True
 
 
 def _left_out(lack: NotHereError) -> dict[str, Any]:

@@ -216,12 +216,23 @@ class LiveGraph:
 
     def zero_after(self, since: float) -> float:
         """How long after a loss the robot first moved under no force [s]; to be called at once after it."""
-        self._stalls.worst = 0.0
-        self.wait(lambda: self.hand.first_zero(since) is not None, "the force has not become zero", limit=10.0)
+        with self.noting_stalls():
+            self.wait(lambda: self.hand.first_zero(since) is not None, "the force has not become zero", limit=10.0)
         found = self.hand.first_zero(since)
         assert found is not None
-        self.stalls.append(self._stalls.worst)
         return found - since
+
+    def still(self) -> None:
+        """Serve the hand until the robot has moved under no force for a while."""
+        with self.noting_stalls():
+            self.wait(lambda: self.hand.still, "the force has not become zero", limit=10.0)
+
+    @contextmanager
+    def noting_stalls(self) -> Iterator[None]:
+        """Note how long the machine stood still, at most, while this was waited for."""
+        self._stalls.worst = 0.0
+        yield
+        self.stalls.append(self._stalls.worst)
 
     def recover(self) -> None:
         """A good hand again, until the robot follows it."""

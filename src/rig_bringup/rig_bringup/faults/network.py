@@ -131,7 +131,8 @@ def _cut(graph: SplitGraph, repeats: int) -> Seen:
     for _ in range(min(repeats, 50)):
         graph.recover()
         _beside(graph, 1.0)
-        graph.wait(lambda: bool(moved) and moved[-1].force == 0.0, "the force has not become zero", limit=10.0)
+        with graph.noting_stalls():
+            graph.wait(lambda: bool(moved) and moved[-1].force == 0.0, "the force has not become zero", limit=10.0)
         # When the packets were lost is not known to a tick; the last force that still came is before that.
         last = max(k for k, heard in enumerate(moved) if heard.force)
         zero.append(moved[last + 1].at - moved[last].at)

@@ -139,7 +139,8 @@ class PersonGraph(LiveGraph):
         self.wait(lambda: bool(page.status.get("faults")), "the page does not say that there is no force")
         self.wait(lambda: page.driving and time.monotonic() - page.last_push < 0.1, "the page does not push again")
         self.ticks(5)
-        zero = max(hand.first_still - since, 0.0)
+        # A robot that was lost and is not back yet moves under nothing.
+        zero = max(hand.first_still - since, 0.0) if hand.motions else 0.0
         hand.motions.clear()
         self.ticks(30)
         if forces := {heard.force for heard in hand.motions} - {0.0}:
@@ -175,7 +176,7 @@ def _person(node: str, *, restart: bool) -> Inject:
                         limit=10.0,
                     )
                 else:
-                    graph.wait(lambda: graph.hand.still, "the force has not become zero", limit=10.0)
+                    graph.still()
             finally:
                 graph.start(node) if restart else graph.resume(node)
             after = graph.kept(since, "mig_filter", "admittance_sim")
@@ -208,7 +209,7 @@ def _person_task(graph: PersonGraph, repeats: int) -> Seen:
     zero = []
     for _ in range(min(repeats, MOST_STARTS)):
         since = graph.kill("task_sim")
-        graph.wait(lambda: graph.hand.still, "the force has not become zero", limit=10.0)
+        graph.still()
         zero.append(max(graph.hand.first_still - since, 0.0))
         graph.start("task_sim")
         graph.wait(lambda: graph.hand.trial.phase == TrialState.PHASE_IDLE, "the task has not come back")
@@ -230,7 +231,7 @@ def _page_silent(graph: PersonGraph, repeats: int) -> Seen:
     assert page is not None
     for _ in range(repeats):
         page.pushing = False
-        graph.wait(lambda: graph.hand.still, "the force has not become zero", limit=10.0)
+        graph.still()
         zero.append(graph.hand.first_still - page.last_push)
         graph.wait(lambda: page.status["hand"]["reason"] == STALLED, "the page is not told")
         page.pushing = True
@@ -245,7 +246,7 @@ def _page_closed(graph: PersonGraph, repeats: int) -> Seen:
     assert page is not None
     for _ in range(repeats):
         page.open = False
-        graph.wait(lambda: graph.hand.still, "the force has not become zero", limit=10.0)
+        graph.still()
         zero.append(graph.hand.first_still - page.last_push)
         page.open = True
         graph.hand.motions.clear()
