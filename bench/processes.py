@@ -79,7 +79,7 @@ def _rows(name: str, runs: int, seconds: float) -> list[Row]:
     missed = tuple(float(found.trial.missed_deadlines) for found in trials)
     what = f"ticks that found the loop not closed, of {round(seconds / _PERIOD)}"
     rows.append(Row(f"{name}.missed", what, "ticks", missed, wanted="value <= 0"))
-    what = "of these, without a stall of the machine: it held up a C loop beside it for less than a median tick leaves over"
+    what = "of these, in whose period a C loop beside it stood still for less than a median tick leaves over"
     rows.append(Row(f"{name}.missed.own", what, "ticks", tuple(own), wanted="value <= 0"))
     return rows
 
