@@ -6,8 +6,11 @@ import json
 import os
 import subprocess
 import sys
+from argparse import Namespace
+from multiprocessing.connection import Connection
 from pathlib import Path
 
+from rig_bringup.faults import cli
 from rig_bringup.faults.cli import main
 from rig_bringup.faults.people import PersonGraph
 from rig_bringup.faults.rows import ROWS, Row, Seen
@@ -54,6 +57,20 @@ def test_a_row_that_was_not_come_to_has_failed_and_the_others_are_done(capfd, mo
         "unknown": False,
     }
     assert results["unknown"]["remark"] == "not done: what stands above ended it"
+
+
+def _ends_after_its_rows(results: Connection, names: list[str], _: Namespace) -> None:
+    results.send({name: {"passed": True, "zero": [], "stalls": [], "remark": ""} for name in names})
+    os._exit(3)
+
+
+def test_rows_whose_process_ends_before_their_bag_is_checked_are_not_all_well(capsys, monkeypatch) -> None:
+    monkeypatch.setattr(cli, "_work", _ends_after_its_rows)
+    assert main(["wrench/nan", "wrench/huge"]) == 1
+    said = capsys.readouterr()
+    assert "error: the process of these rows has ended too early" in said.err
+    assert "wrench/nan and what came with it FAILED" in said.out
+    assert said.out.endswith("2 of 3 rows are as they must be\n")
 
 
 def test_the_rows_are_listed(capsys) -> None:

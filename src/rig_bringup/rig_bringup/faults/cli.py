@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import multiprocessing
 import sys
@@ -18,6 +19,7 @@ import numpy as np
 from rig_bringup.faults import inputs, machine, network, nodes, people, starts  # noqa: F401
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
 from rig_bringup.faults.rows import ROWS, NotHereError, Row, Seen, run
+from rig_runtime.realtime import freeze_garbage
 
 
 def parser() -> argparse.ArgumentParser:
@@ -84,33 +86,36 @@ def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str,
     process.start()
     there.close()
     done: dict[str, dict[str, Any]] = {}
-    try:
-        while True:
-            name, result = here.recv()
-            done[name] = result
-    except EOFError:
-        process.join()
-    for name in names:
-        if name not in done:
-            done[name] = {"passed": False, "zero": [], "stalls": [], "remark": "not done: what stands above ended it"}
-            print(_line(name, ROWS[name], done[name]), flush=True)
+    # The last word is None; without it the process has ended before its end.
+    with contextlib.suppress(EOFError, OSError):
+        while (said := here.recv()) is not None:
+            done |= said
+        return done
+    process.join()
+    print("error: the process of these rows has ended too early", file=sys.stderr)
+    for name in [name for name in names if name not in done] or [f"{names[0]} and what came with it"]:
+        done[name] = {"passed": False, "zero": [], "stalls": [], "remark": "not done: what stands above ended it"}
+        print(_columns(name, "FAILED", 4 * [""], "", "", done[name]["remark"]), flush=True)
     return done
 
 
 def _work(results: Connection, names: list[str], options: argparse.Namespace) -> None:
+    # A collection would hold up the hand in the middle of what it measures; `run` collects between rows.
+    freeze_garbage()
     rows = {name: ROWS[name] for name in names}
     kind = rows[names[0]].on
 
     def show(name: str, row: Row, result: dict[str, Any]) -> None:
-        results.send((name, result))
+        results.send({name: result})
         print(_line(name, row, result), flush=True)
 
     with tempfile.TemporaryDirectory() as folder:
         if kind is None:
             for name, row in rows.items():
                 show(name, row, _judge(Path(folder), row, options))
-        else:
-            _on_graph(kind, Path(folder) / kind.kind, rows, options, show)
+        elif not _on_graph(kind, Path(folder) / kind.kind, rows, options, show):
+            return
+    results.send(None)
 
 
 def _on_graph(
@@ -119,8 +124,8 @@ def _on_graph(
     rows: dict[str, Row],
     options: argparse.Namespace,
     show: Callable[[str, Row, dict[str, Any]], None],
-) -> None:
-    """Do rows to one graph, and check its bag."""
+) -> bool:
+    """Do rows to one graph, and check its bag; False if the graph does not go on."""
     try:
         with kind(folder) as graph:
             for name, row in rows.items():
@@ -132,6 +137,8 @@ def _on_graph(
             show(name, row, _left_out(lack))
     except FaultError as error:
         print(f"error: the {kind.kind} graph does not go on: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def _left_out(lack: NotHereError) -> dict[str, Any]:
@@ -149,7 +156,7 @@ def _judge(at: LiveGraph | Path, row: Row, options: argparse.Namespace) -> dict[
     except NotHereError as lack:
         return _left_out(lack)
     except FaultError as error:
-        return {"passed": False, "zero": [], "stalls": [], "remark": str(error)}
+        return {"passed": False, "zero": [], "stalls": stalls, "remark": str(error)}
     late = row.within is not None and float(np.percentile(seen.zero, 99)) > row.within
     return {
         "passed": options.untimed or not late,

@@ -169,6 +169,13 @@ class LiveGraph:
         self.processes[node].send_all(signal.SIGKILL)
         return at
 
+    def replace_filter(self, **parameters: object) -> None:
+        """Another filter in place of this one; by then the hand has heard the last force of this one."""
+        self.kill("mig_filter")
+        self.still()
+        self.start("mig_filter", **parameters)
+        self.hand.motions.clear()
+
     def stop(self, node: str) -> float:
         """Stop a node in the middle of whatever it does (SIGSTOP); when that was [s, steady clock]."""
         at = time.monotonic()
@@ -231,8 +238,10 @@ class LiveGraph:
     def noting_stalls(self) -> Iterator[None]:
         """Note how long the machine stood still, at most, while this was waited for."""
         self._stalls.worst = 0.0
-        yield
-        self.stalls.append(self._stalls.worst)
+        try:
+            yield
+        finally:
+            self.stalls.append(self._stalls.worst)
 
     def recover(self) -> None:
         """A good hand again, until the robot follows it."""

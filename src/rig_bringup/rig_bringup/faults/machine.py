@@ -191,17 +191,13 @@ def _memory(graph: LiveGraph, _: int) -> Seen:
         raise FaultError(f"{1e-6 * from_locked:.1f} MB were taken from memory that is locked")
     if locked:
         expect_every_tick_once(graph)
-    graph.kill("mig_filter")
     with patched_environment({"RIG_REALTIME": "off"}):
-        graph.start("mig_filter")
+        graph.replace_filter()
     try:
-        graph.hand.motions.clear()
         graph.recover()
         taken, still = _without_memory(graph)
     finally:
-        graph.kill("mig_filter")
-        graph.start("mig_filter")
-        graph.hand.motions.clear()
+        graph.replace_filter()
     graph.recover()
     if twice := [tick for tick, count in graph.hand.decided.items() if count > 1]:
         raise FaultError(f"{len(twice)} ticks were decided twice")

@@ -166,9 +166,7 @@ def _filter_overrun(graph: LiveGraph, _: int) -> Seen:
 
 @row("filter/overruns", "a controller that needs a hundred ticks for one", "what comes late is dropped: no force")
 def _filter_slow(graph: LiveGraph, _: int) -> Seen:
-    graph.kill("mig_filter")
-    graph.start(
-        "mig_filter",
+    graph.replace_filter(
         mode="assistance",
         horizon=60.0,
         controller_iterations=1000,
@@ -185,9 +183,7 @@ def _filter_slow(graph: LiveGraph, _: int) -> Seen:
         if len(graph.hand.motions) < 100 or forces - {0.0}:
             raise FaultError(f"{len(graph.hand.motions)} motions under {sorted(forces)} N; each should be under none")
     finally:
-        graph.kill("mig_filter")
-        graph.start("mig_filter")
-        graph.hand.motions.clear()
+        graph.replace_filter()
     graph.recover()
     # It may have said in time or late what no hand has pushed: it is the controller's, and within its limits.
     graph.hand.commanded.clear()
@@ -200,9 +196,7 @@ def _filter_slow(graph: LiveGraph, _: int) -> Seen:
     "no force, stale state; goes on by itself",
 )
 def _stale_states(graph: LiveGraph, _: int) -> Seen:
-    graph.kill("mig_filter")
-    graph.start("mig_filter", state_timeout=0.05)
-    graph.hand.motions.clear()
+    graph.replace_filter(state_timeout=0.05)
     graph.recover()
     graph.stop("task_sim")
     time.sleep(0.3)
@@ -210,9 +204,7 @@ def _stale_states(graph: LiveGraph, _: int) -> Seen:
     graph.ticks(40)
     expect_reason(graph, Reason.STALE_STATE)
     count = sum(reason == Reason.STALE_STATE for reason in graph.hand.reasons.values())
-    graph.kill("mig_filter")
-    graph.start("mig_filter")
-    graph.hand.motions.clear()
+    graph.replace_filter()
     return Seen([], f"{count} ticks")
 
 

@@ -14,6 +14,7 @@ from rig_bag import BagError
 from rig_bag.verify import verify
 from rig_bringup.faults.hand import PUSH
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
+from rig_runtime.realtime import collect_garbage
 from shared_control.filter import Reason
 
 __all__ = [
@@ -88,6 +89,10 @@ def run(graph: LiveGraph, row: Row, repeats: int) -> Seen:
     """
     graph.recover()
     graph.hand.forget()
+    # Collecting what the row before left takes as long as several ticks, and so does judging it; the hand is deaf
+    # meanwhile, and what it has to catch up on is no time of this row: some ten ticks that come at once.
+    collect_garbage()
+    graph.ticks(30)
     seen = row.inject(graph, repeats)
     through = graph.hand.commanded | {heard.force for heard in graph.hand.motions}
     if through := {force for force in through if not math.isfinite(force) or abs(force) not in (0.0, PUSH)}:
