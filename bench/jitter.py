@@ -65,7 +65,7 @@ class Wakes:
         """How much of the time from `begin` to `end` [s of the steady clock] passed while a wake-up was overdue [s]."""
         total, until = 0.0, begin
         # A stall of any length that reaches into this time is that of a wake-up that was due before its end.
-        first = max(round((begin - self.begin - max(self.late)) / self.period) - 2, 0)
+        first = max(round((begin - self.begin - max(self.late, default=0.0)) / self.period) - 2, 0)
         for k in range(first, min(int((end - self.begin) / self.period), len(self.late))):
             due = self.begin + (k + 1) * self.period
             over = min(due + self.late[k], end)

@@ -9,10 +9,12 @@ from typing import Any
 
 import compare
 import native
+import numpy as np
 import pytest
 import suite
 from hypothesis import given
 from hypothesis import strategies as st
+from jitter import Wakes
 from rows import BenchError, Row, alternate, percentile, spread, table
 
 
@@ -186,3 +188,26 @@ def test_a_compiler_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("CC", "false")
     with pytest.raises(BenchError, match=r"false cannot compile wake\.c"), native.program("wake"):
         pass
+
+
+@given(
+    stalls=st.lists(st.one_of(st.just(0.0), st.floats(0.0, 0.03)), min_size=1, max_size=60),
+    begin=st.floats(-0.02, 0.08),
+    length=st.floats(0.0, 0.02),
+)
+def test_a_loop_is_held_up_while_a_wake_up_is_overdue(stalls: list[float], begin: float, length: float) -> None:
+    period, start, step = 1e-3, 5.0, 1e-5
+    wakes = Wakes(period, start)
+    woke = start
+    for k, stall in enumerate(stalls, 1):
+        # One that wakes late has missed those that were due meanwhile, and does them at once.
+        woke = max(woke, start + period * k + stall)
+        wakes.late.append(woke - (start + period * k))
+    overdue = [(start + period * k, start + period * k + late) for k, late in enumerate(wakes.late, 1)]
+    moments = start + begin + step * (np.arange(round(length / step)) + 0.5)
+    seen = step * sum(any(due <= moment < until for due, until in overdue) for moment in moments)
+    assert wakes.held_up(start + begin, start + begin + length) == pytest.approx(seen, abs=(2 * len(stalls) + 2) * step)
+
+
+def test_a_loop_that_has_not_woken_was_held_up_by_nothing() -> None:
+    assert Wakes(1e-3, 5.0).held_up(5.0, 6.0) == 0.0
