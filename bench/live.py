@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rows import BenchError
 
-from rig_runtime.realtime import ONE, Realtime, Settings, release_fifo
+from rig_runtime.realtime import Realtime, Settings
 from rig_runtime.run import make_executor
 
 #: Another one for each graph, beyond those of the tests.
@@ -32,8 +32,8 @@ class Live:
     """Use as a context manager. `paced`: by wall time, so that the real-time settings of the environment apply."""
 
     def __init__(self, *, paced: bool = False) -> None:
-        self._processors = os.sched_getaffinity(0)
-        self.realtime = Realtime(Settings.from_environment(cpus=ONE) if paced else Settings())
+        self._scheduled = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
+        self.realtime = Realtime(Settings.from_environment(alone=True) if paced else Settings())
         self.realtime.before_middleware()
         self.domain = next(_domains)
         self._context = rclpy.Context()
@@ -51,8 +51,9 @@ class Live:
         for node in self._nodes:
             node.destroy_node()
         rclpy.shutdown(context=self._context)
-        os.sched_setaffinity(0, self._processors)
-        release_fifo()
+        processors, *policy = self._scheduled
+        os.sched_setaffinity(0, processors)
+        os.sched_setscheduler(0, *policy)
 
     def node(self, name: str, namespace: str = "") -> Node:
         """A bare node."""

@@ -8,7 +8,6 @@ import sys
 from admittance_sim_node.node import AdmittanceSimNode
 from mig_filter_node.node import MigFilterNode
 from rig_bag.recorder import make_recorder
-from rig_runtime.realtime import ALL, ONE
 from rig_runtime.run import NodeFactory, run
 from task_sim_node.node import TaskSimNode
 from user_sim_node.node import UserSimNode
@@ -34,7 +33,7 @@ def main() -> None:
     """Spin the graph until it is told to end. RIG_RECORD=0 leaves the recorder out, RIG_USER=display takes a person."""
     person = os.environ.get("RIG_USER") == "display"
     # A page's server has work of its own beside the loop.
-    sys.exit(run(*graph(os.environ.get("RIG_RECORD", "1") != "0", person), cpus=ALL if person else ONE))
+    sys.exit(run(*graph(os.environ.get("RIG_RECORD", "1") != "0", person), alone=not person))
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
         "record to a bag, report. Ctrl-C at any moment leaves a closed, readable bag and no process behind.",
         epilog="environment: RIG_REALTIME=off|auto|require asks for real-time scheduling and locked memory in trials "
         "paced by wall time (auto: what is permitted; ./rig doctor says what is), RIG_CPUS=0,2-3|all|one for "
-        "processors (all; one for a composed graph in real time)",
+        "processors (all; one for a composed graph in real time, without a page)",
     )
     result.add_argument(
         "scenario", nargs="?", help=f"name under config/, or a path ({DEFAULT_SCENARIO}, or that of --user-from)"

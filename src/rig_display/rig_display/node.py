@@ -86,6 +86,8 @@ class DisplayNode(RigNode):
             self.server.start()
         except ServerError as error:
             raise ParameterError(str(error)) from error
+        # Hands come in by it; but no page is served before a tick.
+        self.threads_below = [self.server.thread]
         self.get_logger().info(f"the page is at {self.address}")
 
     @property

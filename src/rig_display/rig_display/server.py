@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -51,11 +50,8 @@ class PageServer:
         self._seat = seat
         self._files = {path.name: path for path in _PAGE.iterdir() if path.suffix in _TYPES}
         self._loop = asyncio.new_event_loop()
-        # Of the thread by which hands come in: as the node's, which has given it up when the thread starts; just below
-        # it, so that no page is served before a tick.
-        priority = os.sched_getparam(0).sched_priority
-        self._scheduling = os.sched_getscheduler(0), os.sched_param(max(priority - 1, min(priority, 1)))
-        self._thread = threading.Thread(target=self._run, name="pages", daemon=True)
+        #: By which hands come in.
+        self.thread = threading.Thread(target=self._run, name="pages", daemon=True)
         self._started: threading.Event = threading.Event()
         self._error: OSError | None = None
         self._end = asyncio.Event()
@@ -72,7 +68,7 @@ class PageServer:
         ------
         ServerError: the address cannot be listened on.
         """
-        self._thread.start()
+        self.thread.start()
         self._started.wait()
         if self._error is not None:
             raise ServerError(
@@ -82,9 +78,9 @@ class PageServer:
 
     def stop(self) -> None:
         """Close every socket and wait for the thread. Idempotent."""
-        if self._thread.is_alive():
+        if self.thread.is_alive():
             self.call(self._end.set)
-            self._thread.join(10.0)
+            self.thread.join(10.0)
 
     def call(self, action: Callable[..., None], *arguments: Any) -> None:
         """Have something done in the server's thread; does not wait for it."""
@@ -100,7 +96,6 @@ class PageServer:
     # -- life ----------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        os.sched_setscheduler(0, *self._scheduling)
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._serve())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from threading import Thread
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -65,6 +66,8 @@ class RigNode(Node):
         self.refused = 0
         #: How the process is scheduled, for diagnostics; set by `rig_runtime.run`.
         self.scheduling = "not by rig_runtime.run"
+        #: Of its own, started by :meth:`prepare`; in real time they come just below the loop.
+        self.threads_below: list[Thread] = []
         self._publishers_of_loop: dict[str, Publisher[Any]] = {}
         self._subscriptions_of_loop: dict[str, Subscription[Any]] = {}
         self._on_stop: Callable[[], None] | None = None

@@ -3,11 +3,11 @@
 Two environment variables ask for them, because they concern a process, whatever nodes it has and parameters they read:
 
     RIG_REALTIME   off (the default), auto: what is permitted, require: an error if anything is not
-    RIG_CPUS       processors to run on, such as 0,2-3; `all`; or `one`, the one that the process has started on
+    RIG_CPUS       processors to run on, such as 0,2-3; `all`; or `one`, whichever the process is on at its start
 
-Without RIG_CPUS it is all of them, but for a whole graph in one process with real-time scheduling, which takes one. Its
-nodes answer one after the other and Python's interpreter serves one thread at a time, so another processor adds nothing
-but the middleware's threads that wake up there and make the loop wait for what they hold.
+Without RIG_CPUS it is all of them, but for a whole graph in one process that real-time scheduling was granted, which
+takes one. Its nodes answer one after the other, and Python's interpreter serves one thread at a time: another processor
+adds nothing but the middleware's threads that wake up there and make the loop wait for what they hold.
 
 `./rig up` asks for `auto` where the trial is paced by wall time. A graph in lockstep takes all the time it gets and
 must never run before everything else, so there it asks for `off`. Nothing but Python is needed here: `./rig doctor`
@@ -22,7 +22,8 @@ import gc
 import os
 import resource
 import sys
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,9 +31,6 @@ from pathlib import Path
 PRIORITY = 20
 
 MODES = ("off", "auto", "require")
-
-#: Words for processors.
-ALL, ONE = "all", "one"
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
@@ -48,10 +46,12 @@ class Settings:
 
     mode: str = "off"
     cpus: frozenset[int] = frozenset()
+    #: Keep to one processor where real-time scheduling is granted.
+    alone: bool = False
 
     @classmethod
-    def from_environment(cls, environment: Mapping[str, str] = os.environ, *, cpus: str = ALL) -> Settings:
-        """From RIG_REALTIME and RIG_CPUS; `cpus` is for a process with real-time scheduling and no word on RIG_CPUS.
+    def from_environment(cls, environment: Mapping[str, str] = os.environ, *, alone: bool = False) -> Settings:
+        """From RIG_REALTIME and RIG_CPUS; `alone` is for a process for which RIG_CPUS says nothing.
 
         Raises
         ------
@@ -60,14 +60,19 @@ class Settings:
         mode = environment.get("RIG_REALTIME") or "off"
         if mode not in MODES:
             raise RealtimeError(f"RIG_REALTIME={mode} is not known; it must be one of {', '.join(MODES)}")
-        return cls(mode, _processors(environment.get("RIG_CPUS") or (ALL if mode == "off" else cpus)))
+        cpus = _processors(environment.get("RIG_CPUS", ""))
+        return cls(mode, cpus, alone and mode != "off" and not cpus)
+
+
+def _present_processor() -> int:
+    return int(ctypes.CDLL(None).sched_getcpu())
 
 
 def _processors(text: str) -> frozenset[int]:
-    if text == ALL:
-        return frozenset()
-    if text == ONE:
-        return frozenset({ctypes.CDLL(None).sched_getcpu()})
+    if text == "all":
+        return frozenset(os.sched_getaffinity(0))
+    if text == "one":
+        return frozenset({_present_processor()})
     chosen: set[int] = set()
     try:
         for part in filter(None, (part.strip() for part in text.split(","))):
@@ -98,34 +103,42 @@ class Realtime:
         self._others: set[int] = set()
 
     def before_middleware(self) -> None:
-        """Choose processors, which every thread inherits; ask for what can be refused, so that it is said at once."""
+        """Choose processors, which the middleware's threads inherit, and say at once what is refused."""
         self._others = threads()
-        if self._settings.cpus:
-            os.sched_setaffinity(0, self._settings.cpus)
+        cpus = self._settings.cpus
         if self._settings.mode != "off":
             refusal = request_fifo()
             if not refusal:
                 release_fifo()
+                cpus = frozenset({_present_processor()}) if self._settings.alone else cpus
             self._note("SCHED_FIFO", refusal)
+            self._note("locked memory", memory_refusal())
+        if cpus:
+            os.sched_setaffinity(0, cpus)
 
-    def before_ticks(self) -> None:
+    def before_ticks(self, below: Iterable[int] = ()) -> None:
         """Keep the garbage collector from what is loaded, lock it in memory, and come before everything else.
 
         Not earlier: to load, compile and set up takes a second, and must not hold up a graph that runs, nor use up what
-        the kernel allows real-time threads in a second. This thread and those that the middleware has started are
-        scheduled alike; those that libraries had started before have no part in the loop.
+        the kernel allows real-time threads in a second. This thread and those of the middleware are scheduled alike,
+        the threads `below` (the kernel's numbers) just below them. Python's other threads stay as they are, and so do
+        those that libraries had started before the middleware: they have no part in the loop.
         """
         freeze_garbage()
-        if self._settings.mode != "off":
-            self._note("locked memory", request_memory())
-            if not request_fifo():
-                for thread in threads() - self._others:
-                    # It may have ended meanwhile.
-                    with contextlib.suppress(ProcessLookupError):
-                        _schedule(thread)
+        if self._settings.mode == "off":
+            return
+        self._note("locked memory", request_memory())
+        refusal = request_fifo()
+        self._note("SCHED_FIFO", refusal)
+        if not refusal:
+            python = {thread.native_id for thread in threading.enumerate()}
+            for thread in threads() - self._others - python:
+                _schedule(thread)
+            for thread in below:
+                _schedule(thread, PRIORITY - 1)
 
     def _note(self, what: str, refusal: str) -> None:
-        if not refusal:
+        if not refusal or f"no {what}: {refusal}" in self.refused:
             return
         if self._settings.mode == "require":
             raise RealtimeError(f"RIG_REALTIME=require, but no {what}: {refusal}; ./rig doctor says how to allow it")
@@ -148,8 +161,10 @@ def threads() -> set[int]:
     return {int(entry.name) for entry in os.scandir("/proc/self/task")}
 
 
-def _schedule(thread: int) -> None:
-    os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
+def _schedule(thread: int, priority: int = PRIORITY) -> None:
+    # It may have ended since it was seen.
+    with contextlib.suppress(ProcessLookupError):
+        os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
 
 
 def request_fifo() -> str:

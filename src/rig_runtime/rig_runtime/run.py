@@ -25,7 +25,7 @@ from rclpy.task import Future
 
 from rig_runtime.clocks import wall_ahead_of_steady
 from rig_runtime.node import RigNode
-from rig_runtime.realtime import ALL, Realtime, RealtimeError, Settings
+from rig_runtime.realtime import Realtime, RealtimeError, Settings
 from shared_control.parameters import ParameterError
 
 RCLError: type[RuntimeError] = rclpy_implementation.RCLError
@@ -120,19 +120,19 @@ class _SignalTaker:
 
 
 def run(
-    *factories: NodeFactory, args: Sequence[str] | None = None, executor: str | None = None, cpus: str = ALL
+    *factories: NodeFactory, args: Sequence[str] | None = None, executor: str | None = None, alone: bool = False
 ) -> int:
     """Make the nodes, spin them on one executor and return the exit code.
 
     `args` are the process's own, ROS arguments included (default: `sys.argv`). A parameter that is not allowed, or a
     middleware that refuses (no keys for its security), is reported in one sentence, exit code 2. `RIG_EXECUTOR` chooses
-    the executor where the call does not; what `rig_runtime.realtime` reads from the environment is applied, with `cpus`
-    in place of RIG_CPUS where that is not set.
+    the executor where the call does not; what `rig_runtime.realtime` reads from the environment is applied, with
+    `alone` where RIG_CPUS says nothing.
     """
     signals = _SignalTaker()
     nodes: list[RigNode] = []
     try:
-        realtime = Realtime(Settings.from_environment(cpus=cpus))
+        realtime = Realtime(Settings.from_environment(alone=alone))
         realtime.before_middleware()
         try:
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
@@ -178,10 +178,11 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
             "after this trial, start the graph anew"
         )
 
+    signals.call(lambda: executor.create_task(stop_all))
+    realtime.before_ticks(below=[thread.native_id for node in nodes for thread in node.threads_below])
+    # A thread that is started now is scheduled as this one is.
     look = min(node.longest_standstill for node in nodes)
     watch_clock(lambda seconds: executor.create_task(stepped_back, seconds), look)
-    signals.call(lambda: executor.create_task(stop_all))
-    realtime.before_ticks()
     for node in nodes:
         node.scheduling = realtime.describe()
     spin(executor, nodes)
