@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from pathlib import Path
+from types import FrameType
 
 #: Module and function behind each command. Imported only when it is asked for: none pays for another's start-up.
 _COMMANDS = {
@@ -33,17 +34,24 @@ def main() -> int:
     if command not in _COMMANDS:
         print(f"error: there is no command {command!r}; use {', '.join(_COMMANDS)}", file=sys.stderr)
         return 2
+    interrupts: list[int] = []
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        interrupts.append(number)
+        raise KeyboardInterrupt
+
     for number in (signal.SIGINT, signal.SIGTERM):
         # Also in the background, where a shell has interrupts ignored; `kill` ends a run as Ctrl-C does.
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, interrupt)
     module, function = _COMMANDS[command]
     try:
         code: int = getattr(importlib.import_module(module), function)(rest)
-    except KeyboardInterrupt:
-        # Where there is more to say, the command says it and returns the same.
-        print("interrupted", file=sys.stderr)
-        return 130
-    except RuntimeError as error:
+    except (KeyboardInterrupt, Exception) as error:
+        # A library in C++ that is being loaded makes an error of its own of an interrupt.
+        if interrupts or isinstance(error, KeyboardInterrupt):
+            # Where there is more to say, the command says it and returns the same.
+            print("interrupted", file=sys.stderr)
+            return 130
         # The middleware's own error; its name serves, so that no command pays for rclpy that does not use it.
         if type(error).__name__ != "RCLError":
             raise
