@@ -31,20 +31,21 @@ class Thread:
     def __init__(self, known=True):
         ready, stay = threading.Event(), threading.Event()
         def work():
-            self.id = threading.get_native_id()
+            self.native_id = threading.get_native_id()
             ready.set()
             stay.wait()
         threading.Thread(target=work, daemon=True).start() if known else _thread.start_new_thread(work, ())
         ready.wait()
     def priority(self):
-        return os.sched_getparam(self.id).sched_priority if os.sched_getscheduler(self.id) == os.SCHED_FIFO else 0
+        thread = self.native_id
+        return os.sched_getparam(thread).sched_priority if os.sched_getscheduler(thread) == os.SCHED_FIFO else 0
 try:
     realtime = Realtime(Settings.from_environment(alone="alone" in sys.argv))
     library = Thread(known=False)
     realtime.before_middleware()
     middleware, own, page = Thread(known=False), Thread(), Thread()
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
-    realtime.before_ticks(below=[page.id])
+    realtime.before_ticks(below=[page])
     later = Thread()
 except RealtimeError as error:
     sys.exit(str(error))

@@ -116,13 +116,13 @@ class Realtime:
         if cpus:
             os.sched_setaffinity(0, cpus)
 
-    def before_ticks(self, below: Iterable[int] = ()) -> None:
+    def before_ticks(self, below: Iterable[threading.Thread] = ()) -> None:
         """Keep the garbage collector from what is loaded, lock it in memory, and come before everything else.
 
         Not earlier: to load, compile and set up takes a second, and must not hold up a graph that runs, nor use up what
         the kernel allows real-time threads in a second. This thread and those of the middleware are scheduled alike,
-        the threads `below` (the kernel's numbers) just below them. Python's other threads stay as they are, and so do
-        those that libraries had started before the middleware: they have no part in the loop.
+        the threads `below` just below them. Python's other threads stay as they are, and so do those that libraries had
+        started before the middleware: they have no part in the loop.
         """
         freeze_garbage()
         if self._settings.mode == "off":
@@ -134,8 +134,9 @@ class Realtime:
             python = {thread.native_id for thread in threading.enumerate()}
             for thread in threads() - self._others - python:
                 _schedule(thread)
-            for thread in below:
-                _schedule(thread, PRIORITY - 1)
+            for own in below:
+                if own.native_id is not None:
+                    _schedule(own.native_id, PRIORITY - 1)
 
     def _note(self, what: str, refusal: str) -> None:
         if not refusal or f"no {what}: {refusal}" in self.refused:

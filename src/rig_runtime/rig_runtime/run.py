@@ -179,7 +179,7 @@ def _serve(nodes: Sequence[RigNode], signals: _SignalTaker, realtime: Realtime, 
         )
 
     signals.call(lambda: executor.create_task(stop_all))
-    realtime.before_ticks(below=[thread.native_id for node in nodes for thread in node.threads_below])
+    realtime.before_ticks(below=[thread for node in nodes for thread in node.threads_below])
     # A thread that is started now is scheduled as this one is.
     look = min(node.longest_standstill for node in nodes)
     watch_clock(lambda seconds: executor.create_task(stepped_back, seconds), look)
