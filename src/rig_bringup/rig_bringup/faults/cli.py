@@ -90,6 +90,7 @@ def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str,
     with contextlib.suppress(EOFError, OSError):
         while (said := here.recv()) is not None:
             done |= said
+        process.join()
         return done
     process.join()
     print("error: the process of these rows has ended too early", file=sys.stderr)
