@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from argparse import Namespace
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from rig_bringup.faults import cli
 from rig_bringup.faults.cli import main
+from rig_bringup.faults.marked import Marked
 from rig_bringup.faults.people import PersonGraph
 from rig_bringup.faults.rows import ROWS, Row, Seen
 
@@ -71,6 +73,18 @@ def test_rows_whose_process_ends_before_their_bag_is_checked_are_not_all_well(ca
     assert "error: the process of these rows has ended too early" in said.err
     assert "wrench/nan and what came with it FAILED" in said.out
     assert said.out.endswith("2 of 3 rows are as they must be\n")
+
+
+def test_an_interrupt_of_the_command_alone_ends_all_that_it_has_started(monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(62 + os.getpid() % 30))
+    command = [sys.executable, "-m", "rig_bringup", "faults", "wrench/nan", "filter/killed", "--repeats", "50"]
+    with Marked(command, tmp_path / "output.log") as running:
+        assert running.wait_for(lambda: "wrench/nan " in running.words(), 120.0), running.words()
+        running.signal(signal.SIGINT)
+        assert running.end(60.0) == 130, running.words()
+        assert not running.left(30.0)
+        assert running.words().endswith("interrupted")
+        assert "Traceback" not in running.words()
 
 
 def test_the_rows_are_listed(capsys) -> None:

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 import multiprocessing
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -87,12 +88,16 @@ def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str,
     there.close()
     done: dict[str, dict[str, Any]] = {}
     # The last word is None; without it the process has ended before its end.
-    with contextlib.suppress(EOFError, OSError):
-        while (said := here.recv()) is not None:
-            done |= said
+    try:
+        with contextlib.suppress(EOFError, OSError):
+            while (said := here.recv()) is not None:
+                done |= said
+            return done
+    except KeyboardInterrupt:
+        process.terminate()
+        raise
+    finally:
         process.join()
-        return done
-    process.join()
     print("error: the process of these rows has ended too early", file=sys.stderr)
     for name in [name for name in names if name not in done] or [f"{names[0]} and what came with it"]:
         done[name] = {"passed": False, "zero": [], "stalls": [], "remark": "not done: what stands above ended it"}
@@ -101,6 +106,14 @@ def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str,
 
 
 def _work(results: Connection, names: list[str], options: argparse.Namespace) -> None:
+    # A terminal interrupts both processes, `kill` the other one alone: that one ends this one, once, either way.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with contextlib.suppress(KeyboardInterrupt):
+        _do(results, names, options)
+
+
+def _do(results: Connection, names: list[str], options: argparse.Namespace) -> None:
     # A collection would hold up the hand in the middle of what it measures; `run` collects between rows.
     freeze_garbage()
     rows = {name: ROWS[name] for name in names}

@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from rclpy.subscription import Subscription
 
 from mig_interfaces.msg import RecorderState, TrialState
 from rig_runtime import topics
+from rig_runtime.clocks import wall_ahead_of_steady
 from rig_runtime.node import RigNode
 from rig_runtime.ticks import from_stamp, to_stamp
 
 #: [N] What a good hand pushes, forth and back so that the cart stays where it is.
 PUSH = 5.0
 
+#: [s] How often the motions are taken, at least.
+_OFTEN = 0.1
+
 #: [N] What a wrench holds that must never be admitted.
 POISON = 77.0
 
 
 class Heard(NamedTuple):
-    """A motion as it came: when [s, steady clock], its tick, the force that was admitted for it [N]."""
+    """A motion: when the robot sent it [s, steady clock], its tick, the force that was admitted for it [N]."""
 
     at: float
     tick: int
@@ -40,7 +45,7 @@ class Hand(RigNode):
         super().__init__("user_sim", **kwargs)
         self.answer: Callable[[int, int], None] = self.push
         self.newest = -1
-        self.motions: list[Heard] = []
+        self._motions: list[Heard] = []
         self.states: list[Any] = []
         #: How often each tick was decided, and why, in the present trial.
         self.decided: Counter[int] = Counter()
@@ -62,14 +67,24 @@ class Hand(RigNode):
         for topic, callback in (
             (topics.COMMAND, self._on_command),
             (topics.DECISION, self._on_decision),
-            (topics.END_EFFECTOR, self._on_motion),
             (topics.RECORDER_STATE, self._on_recorder),
         ):
             self.create_subscription(topic.type, topic.name, callback, topic.qos)
+        # No executor serves it: one hands over no time of sending with a message, and that of its coming here is late
+        # by whatever this process was doing.
+        topic = topics.END_EFFECTOR
+        self._moved = self.create_subscription(topic.type, topic.name, _leave, topic.qos)
+        self.create_timer(_OFTEN, self._take_motions, clock=self.steady)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
 
     def arm(self, trial: TrialState) -> None:
         self.forget()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Those that an executor serves."""
+        own = getattr(self, "_moved", None)
+        return (each for each in super().subscriptions if each is not own)
 
     def forget(self) -> None:
         """Look at what comes from now on."""
@@ -98,6 +113,20 @@ class Hand(RigNode):
         self.wrenches.publish(message)
 
     # -- what it sees --------------------------------------------------------------------------------------------
+
+    @property
+    def motions(self) -> list[Heard]:
+        """What the robot has sent up to now, since this was last cleared."""
+        self._take_motions()
+        return self._motions
+
+    def _take_motions(self) -> None:
+        with self._moved.handle:
+            take, ahead = self._moved.handle.take_message, wall_ahead_of_steady()
+            while (got := take(topics.END_EFFECTOR.type, False)) is not None:
+                motion, about = got
+                sent = 1e-9 * (about["source_timestamp"] - ahead)
+                self._motions.append(Heard(min(sent, time.monotonic()), motion.tick, motion.force.x))
 
     @property
     def flowing(self) -> bool:
@@ -142,9 +171,6 @@ class Hand(RigNode):
         self.reasons[decision.tick] = decision.reason
         self.slowest = max(self.slowest, decision.compute_time)
 
-    def _on_motion(self, motion: Any) -> None:
-        self.motions.append(Heard(time.monotonic(), motion.tick, motion.force.x))
-
     def _on_recorder(self, state: RecorderState) -> None:
         self.recorders[state.uri] = state
 
@@ -153,3 +179,7 @@ class Hand(RigNode):
             name = status.name.rpartition("/")[2]
             self.diagnostics[name] = (status.level, {pair.key: pair.value for pair in status.values})
             self.said[name] = status.message
+
+
+def _leave(_: Any) -> None:
+    """No executor calls this."""

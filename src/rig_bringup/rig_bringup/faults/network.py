@@ -127,17 +127,22 @@ class SplitGraph(LiveGraph):
 
 @row("network/cut", "the line to the filter is cut", "no force; goes on when it is mended", LIMIT, SplitGraph)
 def _cut(graph: SplitGraph, repeats: int) -> Seen:
-    zero, moved = [], graph.hand.motions
+    zero, hand = [], graph.hand
     for _ in range(min(repeats, 50)):
         graph.recover()
         _beside(graph, 1.0)
         with graph.noting_stalls():
-            graph.wait(lambda: bool(moved) and moved[-1].force == 0.0, "the force has not become zero", limit=10.0)
+            graph.wait(
+                lambda: bool(hand.motions) and hand.motions[-1].force == 0.0,
+                "the force has not become zero",
+                limit=10.0,
+            )
         # When the packets were lost is not known to a tick; the last force that still came is before that.
+        moved = hand.motions
         last = max(k for k, heard in enumerate(moved) if heard.force)
         zero.append(moved[last + 1].at - moved[last].at)
         _beside(graph, 0.0)
-        moved.clear()
+        hand.motions.clear()
     graph.recover()
     return Seen(zero)
 
