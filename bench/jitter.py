@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import subprocess
 import time
 from collections.abc import Iterator
@@ -83,8 +84,8 @@ def nanosleep(wake: Path, period: float, count: int) -> list[float]:
 
 
 @contextlib.contextmanager
-def nanosleep_beside(wake: Path, period: float) -> Iterator[Wakes]:
-    """The same for as long as the block takes; known after it.
+def nanosleep_beside(wake: Path, period: float, processor: int | None = None) -> Iterator[Wakes]:
+    """The same for as long as the block takes, on one processor or any; known after it.
 
     What the machine alone does to a loop is seen at the same moments thereby. Where a graph's nodes are scheduled in
     real time the C loop comes before them: what holds it up is none of their work.
@@ -92,6 +93,8 @@ def nanosleep_beside(wake: Path, period: float) -> Iterator[Wakes]:
     wakes = Wakes(period)
     command = [str(wake), str(round(1e9 * period)), str(round(_LONGEST / period)), *_priority(PRIORITY + 1)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        if processor is not None:
+            os.sched_setaffinity(process.pid, {processor})
         try:
             yield wakes
         finally:
