@@ -93,9 +93,9 @@ def nanosleep_beside(wake: Path, period: float, processor: int | None = None) ->
     wakes = Wakes(period)
     command = [str(wake), str(round(1e9 * period)), str(round(_LONGEST / period)), *_priority(PRIORITY + 1)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        if processor is not None:
-            os.sched_setaffinity(process.pid, {processor})
         try:
+            if processor is not None:
+                os.sched_setaffinity(process.pid, {processor})
             yield wakes
         finally:
             process.terminate()

@@ -54,12 +54,15 @@ def main() -> int:
     gaps: list[float] = []
     others = [_subscribe(node, f"other_{k}") for k in range(options.others)]
     with _publishers([(f"other_{k}", _PERIOD) for k in range(options.others)]):
-        _heard(others, _DEAF)
+        if missing := _unheard(others, _DEAF):
+            print(f"error: {missing} of {len(others)} were not heard at all", file=sys.stderr)
+            return 1
         brief = _subscribe(node, "brief")
         for k in range(options.kills):
             with _publishers([("brief", 1.0 / options.rate if options.rate else 0.0)]) as (publisher,):
-                if not _heard([brief], _DEAF):
-                    break  # the one who listens has been deaf since the kill before
+                if _unheard([brief], _DEAF):
+                    print(f"the next one was not heard within {_DEAF:.0f} s after kill {k}")
+                    break
                 end = time.monotonic() + moments.uniform(*_LIFE)
                 while time.monotonic() < end:
                     _take(brief)
@@ -69,11 +72,13 @@ def main() -> int:
             for other in others:
                 _take(other)
             begin = time.monotonic()
-            there = _heard(others, _DEAF)
+            soon = _unheard(others, _GAP)
+            missing = _unheard(others, _DEAF) if soon else 0
             gaps.append(time.monotonic() - begin)
-            if gaps[-1] > _GAP:
-                print(f"kill {k + 1}: not everybody was heard for {gaps[-1]:.2f} s", flush=True)
-            if not there:
+            if soon:
+                print(f"kill {k + 1}: {soon} of {len(others)} were not heard, all after {gaps[-1]:.2f} s", flush=True)
+            if missing:
+                print(f"{missing} never again")
                 break
     rclpy.shutdown()
     some = sum(gap > _GAP for gap in gaps)
@@ -94,13 +99,13 @@ def _take(subscription: Subscription) -> int:
     return count
 
 
-def _heard(subscriptions: list[Subscription], limit: float) -> bool:
-    """Whether each of them has heard something, after at most `limit` seconds."""
+def _unheard(subscriptions: list[Subscription], limit: float) -> int:
+    """How many of them have heard nothing, after `limit` seconds or as soon as it is none."""
     left, end = list(subscriptions), time.monotonic() + limit
     while left and time.monotonic() < end:
         left = [each for each in left if not _take(each)]
         time.sleep(2e-3)
-    return not left
+    return len(left)
 
 
 @contextmanager

@@ -11,6 +11,8 @@ from argparse import Namespace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import pytest
+
 from rig_bringup.faults import cli
 from rig_bringup.faults.cli import main
 from rig_bringup.faults.marked import Marked
@@ -75,16 +77,20 @@ def test_rows_whose_process_ends_before_their_bag_is_checked_are_not_all_well(ca
     assert said.out.endswith("2 of 3 rows are as they must be\n")
 
 
-def test_an_interrupt_of_the_command_alone_ends_all_that_it_has_started(monkeypatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_of_the_command_alone_ends_all_that_it_has_started(
+    monkeypatch, tmp_path: Path, number: signal.Signals
+) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(62 + os.getpid() % 30))
     command = [sys.executable, "-m", "rig_bringup", "faults", "wrench/nan", "filter/killed", "--repeats", "50"]
     with Marked(command, tmp_path / "output.log") as running:
         assert running.wait_for(lambda: "wrench/nan " in running.words(), 120.0), running.words()
-        running.signal(signal.SIGINT)
+        running.signal(number)
         assert running.end(60.0) == 130, running.words()
         assert not running.left(30.0)
-        assert running.words().endswith("interrupted")
-        assert "Traceback" not in running.words()
+    said = (tmp_path / "output.log").read_text()
+    assert said.endswith("interrupted\n")
+    assert "Traceback" not in said
 
 
 def test_the_rows_are_listed(capsys) -> None:

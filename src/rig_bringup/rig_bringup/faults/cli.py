@@ -9,8 +9,10 @@ import multiprocessing
 import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +66,7 @@ def main(argv: Sequence[str]) -> int:
     # In the order of the table, but all that is done to one kind of graph together.
     for kind in dict.fromkeys(row.on for row in chosen.values()):
         names = [name for name, row in chosen.items() if row.on is kind]
-        results |= _apart(names, options)
+        results |= _in_own_process(names, options)
     failed = [name for name, result in results.items() if not result["passed"]]
     left_out = [name for name, result in results.items() if result.get("needs")]
     print(
@@ -76,7 +78,7 @@ def main(argv: Sequence[str]) -> int:
     return 1 if failed else 0
 
 
-def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+def _in_own_process(names: list[str], options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """Do rows of one kind of graph in a process of their own; a row that it did not come to has failed.
 
     The middleware keeps what it once knew of the network for as long as a process lives.
@@ -84,17 +86,17 @@ def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str,
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(there, names, options))
-    process.start()
-    there.close()
     done: dict[str, dict[str, Any]] = {}
-    # The last word is None; without it the process has ended before its end.
     try:
+        process.start()
+        there.close()
+        # The last word is None; without it the process has ended before its end.
         with contextlib.suppress(EOFError, OSError):
             while (said := here.recv()) is not None:
                 done |= said
             return done
     except KeyboardInterrupt:
-        process.terminate()
+        _end(process)
         raise
     finally:
         process.join()
@@ -105,15 +107,34 @@ def _apart(names: list[str], options: argparse.Namespace) -> dict[str, dict[str,
     return done
 
 
+def _end(process: SpawnProcess) -> None:
+    """Have it end its graph and then itself, however long that takes; at once, if this is interrupted again."""
+    try:
+        while process.is_alive():
+            # While a node is ended the signal is left aside.
+            process.terminate()
+            process.join(1.0)
+    except KeyboardInterrupt:
+        process.kill()
+        raise
+
+
 def _work(results: Connection, names: list[str], options: argparse.Namespace) -> None:
-    # A terminal interrupts both processes, `kill` the other one alone: that one ends this one, once, either way.
+    told = threading.Event()
+
+    def end(*_: object) -> None:
+        if not told.is_set():
+            told.set()
+            raise KeyboardInterrupt
+
+    # Ctrl-C reaches both processes, `kill` the other one alone: that one ends this one, in either case.
     signal.signal(signal.SIGINT, lambda *_: None)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, end)
     with contextlib.suppress(KeyboardInterrupt):
-        _do(results, names, options)
+        _do(results, names, options, told)
 
 
-def _do(results: Connection, names: list[str], options: argparse.Namespace) -> None:
+def _do(results: Connection, names: list[str], options: argparse.Namespace, told: threading.Event) -> None:
     # A collection would hold up the hand in the middle of what it measures; `run` collects between rows.
     freeze_garbage()
     rows = {name: ROWS[name] for name in names}
@@ -122,6 +143,9 @@ def _do(results: Connection, names: list[str], options: argparse.Namespace) -> N
     def show(name: str, row: Row, result: dict[str, Any]) -> None:
         results.send({name: result})
         print(_line(name, row, result), flush=True)
+        # What a row does in the end may have failed, and put that in the place of the interrupt.
+        if told.is_set():
+            raise KeyboardInterrupt
 
     with tempfile.TemporaryDirectory() as folder:
         if kind is None:

@@ -20,7 +20,7 @@ from rig_runtime.ticks import from_stamp, to_stamp
 #: [N] What a good hand pushes, forth and back so that the cart stays where it is.
 PUSH = 5.0
 
-#: [s] How often the motions are taken, at least.
+#: [s] The longest between two takes of motions.
 _OFTEN = 0.1
 
 #: [N] What a wrench holds that must never be admitted.
@@ -28,7 +28,10 @@ POISON = 77.0
 
 
 class Heard(NamedTuple):
-    """A motion: when the robot sent it [s, steady clock], its tick, the force that was admitted for it [N]."""
+    """A motion: when the robot sent it [s, steady clock], its tick, the force that was admitted for it [N].
+
+    The time is the middleware's, of the sender's wall clock: no use where that was stepped.
+    """
 
     at: float
     tick: int
@@ -70,8 +73,8 @@ class Hand(RigNode):
             (topics.RECORDER_STATE, self._on_recorder),
         ):
             self.create_subscription(topic.type, topic.name, callback, topic.qos)
-        # No executor serves it: one hands over no time of sending with a message, and that of its coming here is late
-        # by whatever this process was doing.
+        # No executor serves it: the time of a motion's coming here is late by whatever this process was doing, and the
+        # events executor of this rclpy cannot hand over that of its sending.
         topic = topics.END_EFFECTOR
         self._moved = self.create_subscription(topic.type, topic.name, _leave, topic.qos)
         self.create_timer(_OFTEN, self._take_motions, clock=self.steady)

@@ -42,7 +42,7 @@ class FaultError(Exception):
 
 
 class Stalls(threading.Thread):
-    """How late a sleep of a millisecond is: what this machine adds to any time that is measured on it meanwhile."""
+    """How late a sleep of a millisecond is: whether this process, and perhaps the machine, stood still meanwhile."""
 
     def __init__(self) -> None:
         super().__init__(name="stalls", daemon=True)

@@ -41,11 +41,11 @@ class Line:
             raise NotHereError(f"needs the right to make network namespaces: {os.strerror(ctypes.get_errno())}")
         here = Path("/proc/thread-self/ns/net").readlink()
         self._holder = subprocess.Popen(["unshare", "--net", "sleep", "86400"])
-        there = Path(f"/proc/{self._holder.pid}/ns/net")
-        while self._holder.poll() is None and there.readlink() == here:
-            time.sleep(0.01)
         self.far = ["nsenter", f"--net=/proc/{self._holder.pid}/ns/net"]
         try:
+            there = Path(f"/proc/{self._holder.pid}/ns/net")
+            while self._holder.poll() is None and there.readlink() == here:
+                time.sleep(0.01)
             for side, device, address in (([], _NEAR, "10.213.77.1/30"), (self.far, _FAR, "10.213.77.2/30")):
                 if side == []:
                     _run(
@@ -54,9 +54,11 @@ class Line:
                 for command in (f"addr add {address} dev {device}", f"link set {device} up", "link set lo up"):
                     _run(*side, "ip", *command.split())
             self._wait_until_up()
-        except subprocess.CalledProcessError as error:
+        except BaseException as error:
             self.close()
-            raise NotHereError(f"needs the right to join network namespaces: {error.stderr.strip()}") from None
+            if isinstance(error, subprocess.CalledProcessError):
+                raise NotHereError(f"needs the right to join network namespaces: {error.stderr.strip()}") from None
+            raise
 
     def _wait_until_up(self) -> None:
         # The kernel may take a second to say so, and the middleware leaves out what is not up when it starts.
@@ -64,7 +66,6 @@ class Line:
         for side, device in (([], _NEAR), (self.far, _FAR)):
             while "state UP" not in _run(*side, "ip", "link", "show", "dev", device):
                 if time.monotonic() > end:
-                    self.close()
                     raise NotHereError(f"needs a line that comes up; {device} has not within {_UP_LIMIT:.0f} s")
                 time.sleep(0.01)
 
