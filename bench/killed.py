@@ -76,9 +76,9 @@ def main() -> int:
             missing = _unheard(others, _DEAF) if soon else 0
             gaps.append(time.monotonic() - begin)
             if soon:
-                print(f"kill {k + 1}: {soon} of {len(others)} were not heard, all after {gaps[-1]:.2f} s", flush=True)
+                until = f"{missing} of them never again" if missing else f"all after {gaps[-1]:.2f} s"
+                print(f"kill {k + 1}: {soon} of {len(others)} were not heard, {until}", flush=True)
             if missing:
-                print(f"{missing} never again")
                 break
     rclpy.shutdown()
     some = sum(gap > _GAP for gap in gaps)
