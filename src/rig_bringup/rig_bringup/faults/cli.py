@@ -130,8 +130,12 @@ def _work(results: Connection, names: list[str], options: argparse.Namespace) ->
     # Ctrl-C reaches both processes, `kill` the other one alone: that one ends this one, in either case.
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.signal(signal.SIGTERM, end)
-    with contextlib.suppress(KeyboardInterrupt):
+    try:
         _do(results, names, options, told)
+    except (KeyboardInterrupt, Exception):
+        # The middleware makes an error of its own of an interrupt that comes while it converts a message.
+        if not told.is_set():
+            raise
 
 
 def _do(results: Connection, names: list[str], options: argparse.Namespace, told: threading.Event) -> None:
