@@ -93,6 +93,27 @@ def test_an_interrupt_of_the_command_alone_ends_all_that_it_has_started(
     assert "Traceback" not in said
 
 
+@pytest.mark.parametrize(("then", "code"), [("signal.raise_signal(signal.SIGTERM)", 0), ("pass", 1)])
+def test_an_interrupt_of_which_the_middleware_makes_an_error_is_no_error(then: str, code: int) -> None:
+    program = f"""
+import signal
+from rig_bringup.faults import cli
+
+def do(*_):
+    try:
+        {then}
+    except KeyboardInterrupt as error:
+        raise RuntimeError("converted") from error
+    raise RuntimeError("failed")
+
+cli._do = do
+cli._work(None, [], None)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stderr.endswith("RuntimeError: failed\n") if code else not done.stderr
+
+
 def test_the_rows_are_listed(capsys) -> None:
     assert main(["--list", "filter"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
