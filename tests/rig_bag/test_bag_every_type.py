@@ -143,8 +143,9 @@ def test_empty_sequences_as_a_publisher_sends_them(single_graph: Any, kind: Any)
     graph.until(lambda: publisher.get_subscription_count() == 1)
     publisher.publish(kind())
     graph.until(lambda: received)
-    assert received[0] == _as_sent(kind())
-    assert len(received[0]) == len(serialize_message(kind())) - 8
+    # Not the bytes themselves: what is between the numbers, to align them, has no defined value.
+    assert len(received[0]) == len(_as_sent(kind())) == len(serialize_message(kind())) - 8
+    assert _same(kind(), deserialize_message(received[0], kind))
     _check([kind()], received)
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from rig_runtime import topics
+from rig_runtime import wire as wire_module
 from rig_runtime.wire import LAST_SECOND, MalformedError, decode, stamp_of
 
 LENGTHS: dict[Any, dict[str, int]] = {
@@ -128,6 +129,24 @@ def test_the_other_byte_order() -> None:
     assert wire.load(data)
     assert wire["wrench.torque"].tolist() == [3.0, 4.0, 5.0]
     assert wire.stamp == stamp_of(data)
+
+
+def test_between_the_numbers_is_zero_whatever_the_memory_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = topics.SENSOR_FRAME.encode() + b"\0"
+    head = struct.pack(f"<4BiII{len(text)}s", 0, 1, 0, 0, 0, 0, len(text), text)
+    gap = -(len(head) - 4) % 8
+    assert gap
+
+    def serialize(message: Any) -> bytes:
+        data = bytes(serialize_message(message))
+        return data[: len(head)] + b"\xff" * gap + data[len(head) + gap :]
+
+    monkeypatch.setattr(wire_module, "serialize_message", serialize)
+    wire = topics.WRENCH.wire()
+    assert wire.data == head + bytes(gap + 48)
+    assert wire.load(serialize(topics.WRENCH.type(header=deserialize_message(wire.data, topics.WRENCH.type).header)))
+    wire.clear()
+    assert wire.data == head + bytes(gap + 48)
 
 
 def test_a_kind_of_field_that_is_not_provided_for() -> None:

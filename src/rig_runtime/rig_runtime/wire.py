@@ -112,6 +112,10 @@ class WireMessage:
         # As one integer each: compared part by part it takes three times as long.
         self._fixed = int.from_bytes(self._mask, "little")
         self._layout = int.from_bytes(self._empty, "little") & self._fixed
+        # The middleware leaves between the numbers what was in the memory there; here it is zero, so that a run that
+        # repeats another one repeats it to the last byte.
+        self._empty = self._layout.to_bytes(len(self._empty), "little")
+        self.clear()
 
     def __getitem__(self, path: str) -> Any:
         field = self._fields[path]
