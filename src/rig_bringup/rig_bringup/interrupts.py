@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType, TracebackType
 from typing import Any
+
+__all__ = ["Interrupts", "held_back", "let_in"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -36,3 +41,24 @@ class Interrupts:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self._seen = True
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """In a process that is started inside, SIGINT and SIGTERM wait until it calls `let_in`.
+
+    Until then it has no handler of its own, and only imports what sets one. Here they wait too, unless there are other
+    threads, which take them.
+    """
+    # It lets them in when it is started, and it is started for the first process.
+    resource_tracker.ensure_running()
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    try:
+        yield
+    finally:
+        let_in()
+
+
+def let_in() -> None:
+    """Take SIGINT and SIGTERM that were held back, and those to come."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)

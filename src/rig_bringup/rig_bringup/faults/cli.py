@@ -22,6 +22,7 @@ import numpy as np
 from rig_bringup.faults import inputs, machine, network, nodes, people, starts  # noqa: F401
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
 from rig_bringup.faults.rows import ROWS, NotHereError, Row, Seen, run
+from rig_bringup.interrupts import held_back, let_in
 from rig_runtime.realtime import freeze_garbage
 
 
@@ -88,7 +89,8 @@ def _in_own_process(names: list[str], options: argparse.Namespace) -> dict[str, 
     process = context.Process(target=_work, args=(there, names, options))
     done: dict[str, dict[str, Any]] = {}
     try:
-        process.start()
+        with held_back():
+            process.start()
         there.close()
         # The last word is None; without it the process has ended before its end.
         with contextlib.suppress(EOFError, OSError):
@@ -131,6 +133,7 @@ def _work(results: Connection, names: list[str], options: argparse.Namespace) ->
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.signal(signal.SIGTERM, end)
     try:
+        let_in()
         _do(results, names, options, told)
     except (KeyboardInterrupt, Exception):
         # The middleware makes an error of its own of an interrupt that comes while it converts a message.
