@@ -174,5 +174,3 @@ def test_a_sweep_that_is_not_allowed_is_one_sentence(tmp_path: Path) -> None:
     job = montecarlo_jobs_short(1)[0]
     with pytest.raises(StudyError, match="same name"):
         run([job, job], tmp_path / "twice")
-    with pytest.raises(StudyError, match="cannot be reached"):
-        run([job], tmp_path / "nobody", scheduler="nonsense://127.0.0.1:1")

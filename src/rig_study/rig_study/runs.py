@@ -25,6 +25,7 @@ import numpy as np
 
 import shared_control
 from rig_runtime.children import end_with_parent
+from rig_study import cluster
 from rig_study.declared import StudyError
 from shared_control.filter import Verdict
 from shared_control.scenario import Scenario
@@ -112,13 +113,14 @@ def run(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    trusted_network: bool = False,
     report: Callable[[int, int, int], None] | None = None,
 ) -> list[Row]:
     """The rows of all jobs, in their order; those in the journal of ``folder`` are taken from there.
 
     Parameters
     ----------
-    workers, scheduler: as for :func:`finished`.
+    workers, scheduler, trusted_network: as for :func:`finished`.
     report: called with trials done, trials in all, and trials that were there already.
 
     Raises
@@ -129,7 +131,8 @@ def run(
         raise StudyError("two trials have the same name")
     rows: dict[str, Row] = {}
     there = 0
-    with contextlib.closing(finished(jobs, folder, workers=workers, scheduler=scheduler)) as results:
+    coming = finished(jobs, folder, workers=workers, scheduler=scheduler, trusted_network=trusted_network)
+    with contextlib.closing(coming) as results:
         for done, result in enumerate(results, 1):
             rows[result.key] = result.row
             there += result.before
@@ -139,7 +142,12 @@ def run(
 
 
 def finished(
-    jobs: Sequence[Job], folder: Path, *, workers: int | None = None, scheduler: str | None = None
+    jobs: Sequence[Job],
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    trusted_network: bool = False,
 ) -> Iterator[Finished]:
     """Each job when it is finished: first those in the journal of ``folder``, then the others, begun in their order.
 
@@ -148,11 +156,13 @@ def finished(
     Parameters
     ----------
     workers: processes of the pool; as many as this process may use, if left out.
-    scheduler: address of a Dask scheduler, instead of the pool.
+    scheduler: address of a Dask scheduler, instead of the pool. It can run code here: see :mod:`rig_study.cluster`.
+    trusted_network: it may be on another machine without TLS.
 
     Raises
     ------
-    StudyError: the journal cannot be written, the scheduler cannot be reached, or a process was ended from outside.
+    StudyError: the journal cannot be written, the scheduler is not allowed or cannot be reached, or a process was ended
+        from outside.
     RuntimeError: a trial failed; the message names it.
     """
     count, todo = processes(workers), dict[str, Job]()
@@ -170,7 +180,11 @@ def finished(
                 yield Finished(job, key, *there[key], before=True)
             else:
                 todo[key] = job
-        with contextlib.closing(_results(todo, count, scheduler)) as results:
+        if scheduler is None:
+            coming = _results(todo, count)
+        else:
+            coming = cluster.results(_timed, todo, scheduler, trusted_network=trusted_network)
+        with contextlib.closing(coming) as results:
             for key, (row, seconds) in results:
                 try:
                     file.write(json.dumps({"key": key, "row": row, "seconds": round(seconds, 4)}) + "\n")
@@ -214,11 +228,8 @@ def _timed(job: Job) -> tuple[Row, float]:
         raise RuntimeError(f"trial {job.name}, seed {job.seed}, failed: {type(error).__name__}: {error}") from error
 
 
-def _results(jobs: Mapping[str, Job], workers: int, scheduler: str | None) -> Iterator[tuple[str, tuple[Row, float]]]:
+def _results(jobs: Mapping[str, Job], workers: int) -> Iterator[tuple[str, tuple[Row, float]]]:
     """Key, row and time of each job, in the order in which they finish."""
-    if scheduler is not None:
-        yield from _on_dask(jobs, scheduler)
-        return
     workers = min(workers, len(jobs))
     if workers <= 1:
         yield from ((key, _timed(job)) for key, job in jobs.items())
@@ -251,20 +262,6 @@ def _in_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     end_with_parent(signal.SIGKILL)
-
-
-def _on_dask(jobs: Mapping[str, Job], scheduler: str) -> Iterator[tuple[str, tuple[Row, float]]]:
-    from distributed import Client, as_completed
-
-    try:
-        client = Client(scheduler, timeout="30s")
-    except (OSError, ValueError) as error:
-        raise StudyError(f"scheduler {scheduler!r} cannot be reached: {error}") from error
-    with client:
-        futures = client.map(_timed, list(jobs.values()), pure=False)
-        key_of = {future.key: key for future, key in zip(futures, jobs, strict=True)}
-        for future in as_completed(futures):
-            yield key_of[future.key], future.result()
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from rig_study import cohort as cohorts
 from rig_study.commands import carry_out
@@ -15,7 +16,7 @@ from rig_study.runs import Row, run, write_table
 from rig_study.session import LOG, Progress
 from rig_study.studies import Studies
 
-__all__ = ["add_run_options", "keep", "main", "sessions", "studies"]
+__all__ = ["add_run_options", "keep", "main", "sessions", "studies", "where"]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -89,7 +90,22 @@ def add_run_options(to: argparse.ArgumentParser) -> None:
     """What every command has that runs many trials."""
     to.add_argument("--out", type=Path, help="folder of the run, which a second call resumes (under runs/)")
     to.add_argument("--workers", type=int, help="processes; as many as there are cores, if left out")
-    to.add_argument("--scheduler", metavar="tcp://...", help="a Dask scheduler, instead of processes here")
+    to.add_argument(
+        "--scheduler",
+        metavar="tls://HOST:PORT",
+        help="a Dask scheduler, instead of processes here; it and its workers can run code here, for Dask pickles. "
+        "tcp:// only on this machine (tcp://127.0.0.1:PORT)",
+    )
+    to.add_argument(
+        "--trusted-network",
+        action="store_true",
+        help="a tcp:// scheduler on another machine: everybody who can reach it may run code here and there",
+    )
+
+
+def where(options: argparse.Namespace) -> dict[str, Any]:
+    """What these say of where the trials run, for :func:`rig_study.runs.run`."""
+    return {name: getattr(options, name) for name in ("workers", "scheduler", "trusted_network")}
 
 
 def main(argv: Sequence[str], conduct: Callable[[argparse.Namespace], int] | None = None) -> int:
@@ -173,7 +189,7 @@ def _simulate(options: argparse.Namespace) -> int:
     folder = sessions(options, protocol)
     shown = progress(protocol.file.path.stem)
     jobs = cohorts.jobs(protocol, cohort)
-    rows = run(jobs, folder, workers=options.workers, scheduler=options.scheduler, report=shown)
+    rows = run(jobs, folder, **where(options), report=shown)
     keep(protocol, cohort, rows, folder)
     print(f"{len(rows)} trials of {len(protocol.subjects)} subjects: {folder / 'trials.parquet'}")
     print(f"next: ./rig analyze {folder} --out {folder / 'report'}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from rig_study.commands import carry_out
 from rig_study.progress import progress
 from rig_study.runs import Job, run, write_table
-from rig_study.study_cli import add_run_options
+from rig_study.study_cli import add_run_options, where
 from rig_study.sweep import load_sweep, montecarlo_jobs, sweep_jobs
 
 __all__ = ["montecarlo", "sweep"]
@@ -48,7 +48,7 @@ def _run(make: Callable[[], list[Job]], name: str, options: argparse.Namespace) 
     folder = options.out or Path("runs") / name
 
     def body() -> int:
-        rows = run(make(), folder, workers=options.workers, scheduler=options.scheduler, report=progress(name))
+        rows = run(make(), folder, **where(options), report=progress(name))
         print(f"{len(rows)} trials: {write_table(rows, folder / 'trials.parquet')}")
         print(f"next: ./rig analyze {folder} --out {folder / 'report'}")
         return 0

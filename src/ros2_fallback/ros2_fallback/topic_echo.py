@@ -13,11 +13,12 @@ from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventType
 
 from ros2_fallback import qos
 from ros2_fallback.command import CommandError, Outcome, non_negative_int, positive_float
+from ros2_fallback.filter_expression import FUNCTIONS, message_test
 from ros2_fallback.graph import QUIET_TOPIC, Graph, add_graph_arguments
 from ros2_fallback.message_text import to_csv, to_yaml
 from ros2_fallback.message_types import message_class
 
-__all__ = ["arguments", "compiled_filter", "run"]
+__all__ = ["arguments", "run"]
 
 #: elements of arrays and characters of strings that are shown
 TRUNCATE_LENGTH = 128
@@ -50,7 +51,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-lost-messages", action="store_true", help="do not report lost messages")
     parser.add_argument("--raw", action="store_true", help="show the serialised bytes")
     parser.add_argument(
-        "--filter", dest="filter_expr", metavar="EXPR", help="show only messages m for which this Python is true"
+        "--filter",
+        dest="filter_expr",
+        metavar="EXPR",
+        help="show only messages m for which this is true, as in 'm.tick > 5 and abs(m.wrench.force.x) < 2': fields, "
+        f"indices, numbers, texts, arithmetic, comparisons, and {', '.join(FUNCTIONS)}; nothing else is run",
     )
     parser.add_argument("--once", action="store_true", help="stop after the first message")
     parser.add_argument("--timeout", type=positive_float, metavar="S", help="stop after so many seconds")
@@ -60,7 +65,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Outcome:
     """Subscribe and print until told to stop."""
     select = _selector(args.field)
-    accept = compiled_filter(args.filter_expr)
+    accept = message_test(args.filter_expr)
     finished = False
 
     def receive(message: Any, info: dict[str, Any]) -> None:
@@ -143,28 +148,6 @@ def _selector(field: str | None) -> Callable[[Any], Any]:
         return value
 
     return select
-
-
-def compiled_filter(expression: str | None) -> Callable[[Any], bool]:
-    """A test for messages from a Python expression in ``m``; None: every message passes.
-
-    Raises:
-        CommandError: if it is no expression; the test raises it if the expression fails.
-    """
-    if expression is None:
-        return lambda _message: True
-    try:
-        code = compile(expression, "--filter", "eval")
-    except (SyntaxError, ValueError) as error:
-        raise CommandError(f"--filter '{expression}': {error}") from None
-
-    def accept(message: Any) -> bool:
-        try:
-            return bool(eval(code, {"m": message}))  # noqa: S307 from the command line, as with ros2
-        except Exception as error:
-            raise CommandError(f"--filter '{expression}': {error}") from error
-
-    return accept
 
 
 def _show(value: Any, info: dict[str, Any], args: argparse.Namespace) -> None:

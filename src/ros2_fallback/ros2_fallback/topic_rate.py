@@ -16,9 +16,9 @@ from typing import Any
 
 from ros2_fallback import qos
 from ros2_fallback.command import Outcome, positive_int
+from ros2_fallback.filter_expression import message_test
 from ros2_fallback.graph import QUIET_TOPIC, Graph, add_graph_arguments
 from ros2_fallback.message_types import message_class
-from ros2_fallback.topic_echo import compiled_filter
 
 __all__ = ["Bandwidth", "Rate", "bandwidth", "bandwidth_arguments", "rate", "rate_arguments"]
 
@@ -120,14 +120,17 @@ def rate_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"number of messages to take into account (default: {RATE_WINDOW})",
     )
     parser.add_argument(
-        "--filter", dest="filter_expr", metavar="EXPR", help="count only messages m for which this Python is true"
+        "--filter",
+        dest="filter_expr",
+        metavar="EXPR",
+        help="count only messages m for which this is true, as for `topic echo`",
     )
     parser.add_argument("--wall-time", action="store_true", help="measure in wall time even with --use-sim-time")
 
 
 def rate(args: argparse.Namespace) -> Outcome:
     """Print the rate of a topic once a second, until told to stop."""
-    accept = compiled_filter(args.filter_expr)
+    accept = message_test(args.filter_expr)
     statistics = Rate(args.window)
     simulated = args.use_sim_time and not args.wall_time
 
