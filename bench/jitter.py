@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import os
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,7 +18,7 @@ from native import program
 from rclpy.clock import Clock
 from rows import Row, alternate, percentile
 
-from rig_runtime.realtime import PRIORITY, Settings
+from rig_runtime.realtime import ALLOWED, PRIORITY, Settings
 
 #: [s] Longer than any run of the suite.
 _LONGEST = 3600.0
@@ -56,11 +58,13 @@ class Wakes:
     period: float  # [s]
     begin: float = math.nan  # [s] of the steady clock
     late: list[float] = field(default_factory=list)  # [s]
+    #: Of SCHED_FIFO; 0 in ordinary scheduling.
+    priority: int = 0
 
     def take(self, said: str) -> None:
         """From what the C loop has printed."""
-        begin, *late = (1e-9 * int(line) for line in said.split())
-        self.begin, self.late = begin, late
+        priority, begin, *late = map(int, said.split())
+        self.priority, self.begin, self.late = priority, 1e-9 * begin, [1e-9 * each for each in late]
 
     def held_up(self, begin: float, end: float) -> float:
         """How much of the time from `begin` to `end` [s of the steady clock] passed while a wake-up was overdue [s]."""
@@ -79,7 +83,9 @@ def nanosleep(wake: Path, period: float, count: int) -> list[float]:
     """Lateness of each wake of the C loop [s], scheduled as a paced node is."""
     command = [str(wake), str(round(1e9 * period)), str(count), *_priority(PRIORITY)]
     wakes = Wakes(period)
-    wakes.take(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    result = subprocess.run(command, check=True, capture_output=True, text=True)
+    _say_refused(result.stderr)
+    wakes.take(result.stdout)
     return wakes.late
 
 
@@ -88,22 +94,32 @@ def nanosleep_beside(wake: Path, period: float, processor: int | None = None) ->
     """The same for as long as the block takes, on one processor or any; known after it.
 
     What the machine alone does to a loop is seen at the same moments thereby. Where a graph's nodes are scheduled in
-    real time the C loop comes before them: what holds it up is none of their work.
+    real time the C loop comes before them: what holds it up is none of their work. Where that is refused (`priority`
+    says so then) the nodes may hold it up.
     """
     wakes = Wakes(period)
-    command = [str(wake), str(round(1e9 * period)), str(round(_LONGEST / period)), *_priority(PRIORITY + 1)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    command = [str(wake), str(round(1e9 * period)), str(round(_LONGEST / period)), *_priority(ALLOWED)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             if processor is not None:
                 os.sched_setaffinity(process.pid, {processor})
             yield wakes
         finally:
             process.terminate()
-            wakes.take(process.communicate()[0])
+            said, refused = process.communicate()
+            _say_refused(refused)
+            wakes.take(said)
 
 
 def _priority(priority: int) -> list[str]:
     return [] if Settings.from_environment().mode == "off" else [str(priority)]
+
+
+@functools.cache
+def _say_refused(said: str) -> None:
+    # Once, however many runs there are.
+    for line in said.splitlines():
+        print(f"C loop: {line}; ./rig doctor says how to allow rtprio {ALLOWED}", file=sys.stderr)
 
 
 def rows(runs: int) -> list[Row]:

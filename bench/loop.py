@@ -1,32 +1,25 @@
-"""The closed loop of four nodes in one process: latency, deadlines, and what the recorder costs."""
+"""The closed loop of four nodes in one process: latency in lockstep and at 100 Hz, and jitter."""
 
 from __future__ import annotations
 
 import itertools
-import os
-import statistics
 import tempfile
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import ring
-from ament_index_python.packages import get_package_prefix
-from jitter import nanosleep, nanosleep_beside
-from live import LIMIT, Live, in_own_domain
+from jitter import nanosleep
+from live import Live
 from native import program
-from rows import BenchError, Row, alternate, percentile
+from rows import Row, alternate, percentile
 
 from mig_interfaces.msg import TrialState
 from mig_interfaces.srv import StartTrial
 from rig_bringup import scenario
 from rig_bringup.compose import graph
-from rig_bringup.graph_process import GraphProcess
-from rig_bringup.monitor import Monitor
-from rig_bringup.up import graph_command
 from rig_runtime.wire import stamp_of
 from task_sim_node.node import TaskSimNode
 
@@ -62,11 +55,11 @@ class Trial:
     latencies: Sequence[float]  # [s] from state out to motion in
     sent: Sequence[float]  # [s] when each state went out
     missed: int
+    scheduling: str  # of the process
 
-    def tick(self) -> float:
-        """Mean time from state to state [s] without the slowest 2 %, which are stalls of the machine."""
-        times = sorted(after - before for before, after in itertools.pairwise(self.sent))
-        return statistics.fmean(times[: round(0.98 * len(times))])
+    def ticks(self) -> list[float]:
+        """Times from state to state [s]."""
+        return [after - before for before, after in itertools.pairwise(self.sent)]
 
 
 def run(folder: Path, *, record: bool = False, pacing: str, **settings: Any) -> Trial:
@@ -83,7 +76,7 @@ def run(folder: Path, *, record: bool = False, pacing: str, **settings: Any) -> 
         if recorder is not None:
             live.until(recorder.closed.done)
         latencies = [task.closed[stamp] - sent for stamp, sent in task.sent.items() if stamp in task.closed]
-        return Trial(latencies, [*task.sent.values()], task.trial.missed_deadlines)
+        return Trial(latencies, [*task.sent.values()], task.trial.missed_deadlines, live.realtime.describe())
 
 
 def parameters(folder: Path, *, record: bool, autostart: bool = False, horizon: float = 0.0, **loop: Any) -> list[Path]:
@@ -100,12 +93,14 @@ def parameters(folder: Path, *, record: bool, autostart: bool = False, horizon: 
     return files
 
 
-def _trial(**settings: Any) -> Trial:
+def timed_trial(**settings: Any) -> Trial:
+    """:func:`run` in a folder that is gone afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         return run(Path(folder), **settings)
 
 
-def _medians(trials: Sequence[Sequence[float]], share: float = 0.5) -> tuple[float, ...]:
+def percentiles(trials: Sequence[Sequence[float]], share: float = 0.5) -> tuple[float, ...]:
+    """That of each trial [us]."""
     return tuple(1e6 * percentile(times, share) for times in trials)
 
 
@@ -113,16 +108,19 @@ def lockstep(runs: int) -> list[Row]:
     """State out to state in, one tick after the other."""
     loop, objects, raw = alternate(
         runs,
-        lambda: _trial(pacing="lockstep", duration=10.0).latencies,
+        lambda: timed_trial(pacing="lockstep", duration=10.0).latencies,
         ring.rounds,
         lambda: ring.rounds(raw=True),
     )
-    what = "state out to motion in, four nodes composed, lockstep, work included, p50"
-    found = _medians(loop)
-    return [
-        Row("loop.lockstep.p50", what, "us", found, _RING, _medians(objects), wanted="ratio <= 1.5"),
-        Row("loop.lockstep.p50.bytes", what, "us", found, _RING_OF_BYTES, _medians(raw)),
-    ]
+    what = "state out to motion in, four nodes composed, lockstep, work included"
+    rows = []
+    for name, share, wanted in (("p50", 0.5, "ratio <= 1.5"), ("p99", 0.99, "")):
+        found, described = percentiles(loop, share), f"{what}, {name}"
+        rows += [
+            Row(*(f"loop.lockstep.{name}", described, "us", found, _RING, percentiles(objects, share)), wanted=wanted),
+            Row(f"loop.lockstep.{name}.bytes", described, "us", found, _RING_OF_BYTES, percentiles(raw, share)),
+        ]
+    return rows
 
 
 def realtime(runs: int) -> list[Row]:
@@ -131,7 +129,7 @@ def realtime(runs: int) -> list[Row]:
     with program("wake") as wake:
         trials, bare, sleeps = alternate(
             runs,
-            lambda: _trial(pacing="realtime", duration=period * ticks),
+            lambda: timed_trial(pacing="realtime", duration=period * ticks),
             lambda: ring.rounds(ticks, period=period),
             lambda: nanosleep(wake, period, ticks),
         )
@@ -142,93 +140,16 @@ def realtime(runs: int) -> list[Row]:
             f"loop.100Hz.{name}",
             f"{what}, {name}",
             "us",
-            _medians(latencies, share),
+            percentiles(latencies, share),
             f"{_RING}, at 100 Hz",
-            _medians(bare, share),
+            percentiles(bare, share),
             wanted=wanted,
         )
         for name, share, wanted in (("p50", 0.5, "ratio <= 1.5"), ("p99", 0.99, ""))
     ]
     late = [[at - trial.sent[0] - period * k for k, at in enumerate(trial.sent)] for trial in trials]
     jitter = Row(
-        *("loop.100Hz.jitter", "lateness of a state against its grid, p99", "us", _medians(late, 0.99)),
-        *("clock_nanosleep in C", _medians(sleeps, 0.99)),
+        *("loop.100Hz.jitter", "lateness of a state against its grid, p99", "us", percentiles(late, 0.99)),
+        *("clock_nanosleep in C", percentiles(sleeps, 0.99)),
     )
     return [*rows, jitter]
-
-
-def kilohertz(runs: int) -> list[Row]:
-    """Share of missed deadlines at 1 kHz, 60 s in all; a horizon of as many steps as at 100 Hz."""
-    period, seconds = 0.001, 60.0 / runs
-    missed, over = [], []
-    with program("wake") as wake:
-        for _ in range(runs):
-            with nanosleep_beside(wake, period) as wakes:
-                trial = _trial(pacing="realtime", duration=seconds, sample_time=period, horizon=0.15)
-            left = period - statistics.median(trial.latencies)
-            missed.append(100.0 * trial.missed / round(seconds / period))
-            over.append(100.0 * statistics.fmean(lateness > left for lateness in wakes.late))
-    what = "ticks that found the loop not closed at 1 kHz, 60 s in all, composed"
-    # What makes a wake-up as late as that makes a tick miss its deadline whatever its work is.
-    baseline = "clock_nanosleep in C beside it, later than a median tick leaves over"
-    return [Row("loop.1kHz.missed", what, "%", tuple(missed), baseline, tuple(over), wanted="value < 0.1")]
-
-
-def recorder(runs: int) -> list[Row]:
-    """A tick with and without it: all in one process, all but the recorder in one, and each node in its own."""
-    with_, without = alternate(
-        runs,
-        lambda: 1e6 * _trial(record=True, pacing="lockstep", duration=10.0).tick(),
-        lambda: 1e6 * _trial(pacing="lockstep", duration=10.0).tick(),
-    )
-    beside_with, beside_without = alternate(
-        runs, lambda: 1e6 * _tick_started(True, record=True), lambda: 1e6 * _tick_started(True, record=False)
-    )
-    apart_with, apart_without = alternate(
-        runs, lambda: 1e6 * _tick_started(False, record=True), lambda: 1e6 * _tick_started(False, record=False)
-    )
-    what = "a tick in lockstep, {}, recorded, mean"
-    return [
-        Row(
-            *("recorder.cost", f"{what.format('composed')} without the slowest 2 %", "us", with_),
-            *("not recorded", without),
-            wanted="ratio <= 1.15",
-        ),
-        Row(
-            *("recorder.cost.beside", what.format("composed, the recorder in a process of its own"), "us", beside_with),
-            *("not recorded", beside_without),
-        ),
-        Row(
-            *("recorder.cost.processes", what.format("each node in a process"), "us", apart_with),
-            *("not recorded", apart_without),
-            wanted="ratio <= 1.15",
-        ),
-    ]
-
-
-def _tick_started(compose: bool, *, record: bool, duration: float = 20.0) -> float:
-    """Wall time of a tick [s]; the graph is one process, with the recorder beside it, or one for each node."""
-    os.environ.update(in_own_domain())
-    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
-        folder = Path(name)
-        files = parameters(folder, record=record, autostart=True, pacing="lockstep", duration=duration)
-        environment = {"RIG_RECORD": str(int(record and not compose)), "RIG_REALTIME": "off"}
-        commands = {"log": graph_command(compose, files, "rig")}
-        if record and compose:
-            executable = Path(get_package_prefix("rig_bag")) / "lib" / "rig_bag" / "recorder"
-            arguments = [part for file in files for part in ("--params-file", str(file))]
-            commands["recorder.log"] = [str(executable), "--ros-args", "-r", "__ns:=/rig", *arguments]
-        processes = [
-            stack.enter_context(GraphProcess(command, folder / log, environment)) for log, command in commands.items()
-        ]
-        monitor = stack.enter_context(Monitor("rig"))
-        limit = time.monotonic() + LIMIT
-        while monitor.speed() is None:
-            monitor.wait(0.1)
-            failed = [process for process in processes if process.exit_code]
-            if failed or time.monotonic() > limit:
-                words = (failed or processes)[0].last_words()
-                raise BenchError(f"the graph did not run to its end; it said:\n{words}")
-        speed = monitor.speed()
-        assert speed is not None
-        return 0.01 / speed

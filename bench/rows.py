@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import statistics
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +11,11 @@ from typing import Any
 
 
 class BenchError(Exception):
-    """A row cannot be measured here; the message says why and what to do."""
+    """A row cannot be measured; the message says why and what to do."""
+
+
+class NotHereError(BenchError):
+    """Nothing is wrong, but this machine lacks what the row needs."""
 
 
 _WANTED = re.compile(r"(ratio|value) (<=|>=|<) (\S+)")
@@ -18,7 +23,7 @@ _WANTED = re.compile(r"(ratio|value) (<=|>=|<) (\S+)")
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity over several runs; `values[k]` and `baselines[k]` come from the same moment."""
+    """One quantity over several runs; `values[k]` and `baselines[k]` come from the same minute."""
 
     name: str
     what: str
@@ -29,6 +34,10 @@ class Row:
     #: Such as "ratio <= 1.2" or "value >= 25"; empty: no figure is wanted.
     wanted: str = ""
     more_is_better: bool = False
+    #: Counts of what should not be: all runs together stand for the row, for a median forgets the worst two of five.
+    counted: bool = False
+    #: Load average before and after.
+    load: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.values or len(self.baselines) not in (0, len(self.values)):
@@ -37,15 +46,25 @@ class Row:
             raise ValueError(f"{self.name}: {self.wanted!r} is no wanted figure")
 
     @property
+    def value(self) -> float:
+        """Median of the values, or their sum where they are counts."""
+        return math.fsum(self.values) if self.counted else statistics.median(self.values)
+
+    @property
+    def base(self) -> float:
+        """The same of the baseline."""
+        return math.fsum(self.baselines) if self.counted else statistics.median(self.baselines)
+
+    @property
     def relative(self) -> tuple[float, ...]:
-        """Value over baseline of each run, or the values where there is no baseline (or one of zero)."""
-        if not self.baselines or min(self.baselines) <= 0.0:
+        """Value over baseline of each run; the values if they are counts, or have no baseline, or one of zero."""
+        if self.counted or not self.baselines or min(self.baselines) <= 0.0:
             return self.values
         return tuple(value / base for value, base in zip(self.values, self.baselines, strict=True))
 
     @property
     def ratio(self) -> float | None:
-        """Median of the ratios; None without a baseline to divide by."""
+        """Median of the runs' ratios, not the ratio of the medians; None without a baseline to divide by."""
         return None if self.relative is self.values else statistics.median(self.relative)
 
     @property
@@ -54,7 +73,7 @@ class Row:
         match = _WANTED.fullmatch(self.wanted)
         if match is None:
             return None
-        found = statistics.median(self.values) if match[1] == "value" else self.ratio
+        found = self.value if match[1] == "value" else self.ratio
         limit = float(match[3])
         if found is None:
             return False
@@ -96,7 +115,7 @@ HEADER = ("row", "this", "unit", "baseline", "ratio", "spread", "wanted")
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Medians; the spread is the interquartile range of the ratios, or of the values where there is no baseline."""
+    """Medians, of counts sums; the spread is the interquartile range of the ratios, or of values without a ratio."""
     lines = [HEADER, *map(_cells, rows)]
     widths = [max(len(line[place]) for line in lines) for place in range(len(HEADER))]
     text = []
@@ -110,9 +129,9 @@ def _cells(row: Row) -> tuple[str, ...]:
     met = {None: "", True: " yes", False: " NO"}[row.met]
     return (
         row.name,
-        f"{statistics.median(row.values):.4g}",
+        f"{row.value:.4g}",
         row.unit,
-        f"{statistics.median(row.baselines):.4g}" if row.baselines else "-",
+        f"{row.base:.4g}" if row.baselines else "-",
         "-" if row.ratio is None else f"{row.ratio:.3g}",
         f"{spread(row.relative):.2g}",
         f"{row.wanted}{met}" or "-",

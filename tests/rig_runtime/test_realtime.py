@@ -179,6 +179,6 @@ def test_a_graph_asks_for_real_time_only_if_wall_time_paces_it(monkeypatch: pyte
 def test_the_doctor_says_how_to_allow_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor.realtime, "request_fifo", lambda: "Operation not permitted")
     monkeypatch.setattr(doctor.realtime, "memory_refusal", lambda: "limit memlock 64, wanted unlimited")
-    for finding, line in ((doctor.scheduling(), "rtprio 20"), (doctor.memory_lock(), "memlock unlimited")):
+    for finding, line in ((doctor.scheduling(), "rtprio 21"), (doctor.memory_lock(), "memlock unlimited")):
         assert not finding.ok
         assert f'echo "$USER - {line}" | sudo tee -a /etc/security/limits.conf' in finding.remedy

@@ -30,6 +30,9 @@ from pathlib import Path
 #: Above every ordinary thread, below the kernel's threads for interrupts (50), which timers and the network need.
 PRIORITY = 20
 
+#: What `./rig doctor` asks to be allowed: one more, for a measurement that comes before the nodes (`bench/jitter.py`).
+ALLOWED = PRIORITY + 1
+
 MODES = ("off", "auto", "require")
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4

@@ -55,7 +55,7 @@ def scheduling() -> Finding:
         realtime.release_fifo()
         found = f"SCHED_FIFO {realtime.PRIORITY} is permitted (limit rtprio {realtime.limit('rtprio')})"
         return Finding("real-time scheduling", True, found)
-    remedy = f"for fewer late ticks, allow it: {_limit(f'rtprio {realtime.PRIORITY}')}"
+    remedy = f"for fewer late ticks, allow it: {_limit(f'rtprio {realtime.ALLOWED}')}"
     return Finding("real-time scheduling", False, f"SCHED_FIFO: {refusal}", remedy)
 
 
