@@ -12,12 +12,13 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.subscription import Subscription
 
 from mig_interfaces.msg import RecorderState, TrialState
+from rig_bringup.faults.account import Account, Pushed
 from rig_runtime import topics
 from rig_runtime.clocks import wall_ahead_of_steady
 from rig_runtime.node import RigNode
 from rig_runtime.ticks import from_stamp, to_stamp
 
-#: [N] What a good hand pushes, forth and back so that the cart stays where it is.
+#: [N] What a good hand pushes at least.
 PUSH = 5.0
 
 #: [s] The longest between two takes of motions.
@@ -27,8 +28,14 @@ _OFTEN = 0.1
 POISON = 77.0
 
 
+def good_force(tick: int) -> float:
+    """[N] What a good hand pushes in a tick: another force in each of 2048, forth and back to keep the cart still."""
+    force = PUSH + tick // 2 % 1024 / 1024
+    return force if tick % 2 else -force
+
+
 class Heard(NamedTuple):
-    """A motion: when the robot sent it [s, steady clock], its tick, the force that was admitted for it [N].
+    """A motion: when the robot sent it [s, steady clock], its tick, the force that was admitted for it [N], its stamp.
 
     The time is the middleware's, of the sender's wall clock: no use where that was stepped.
     """
@@ -36,6 +43,7 @@ class Heard(NamedTuple):
     at: float
     tick: int
     force: float
+    stamp: int
 
 
 class Hand(RigNode):
@@ -50,15 +58,13 @@ class Hand(RigNode):
         self.newest = -1
         self._motions: list[Heard] = []
         self.states: list[Any] = []
-        #: How often each tick was decided, and why, in the present trial.
+        #: How often each tick was decided, in the present trial.
         self.decided: Counter[int] = Counter()
-        self.reasons: dict[int, int] = {}
+        self.account = Account()
         #: [s] The longest that a decision took.
         self.slowest = 0.0
         #: Stamps [ns] of all decisions since the present bag was begun.
         self.heard: set[int] = set()
-        #: Every force that a command has held [N].
-        self.commanded: set[float] = set()
         self.diagnostics: dict[str, tuple[bytes, dict[str, str]]] = {}
         #: What each node last said of itself there.
         self.said: dict[str, str] = {}
@@ -94,19 +100,29 @@ class Hand(RigNode):
         self.motions.clear()
         self.states.clear()
         self.decided.clear()
-        self.reasons.clear()
         self.slowest = 0.0
-        self.commanded.clear()
 
     # -- what it does --------------------------------------------------------------------------------------------
 
     def push(self, stamp: int, tick: int) -> None:
         """As a good hand does."""
-        self.say(stamp, PUSH if tick % 2 else -PUSH)
         self.last_good = time.monotonic()
+        self.account.pushed[stamp] = Pushed(good_force(tick), self.last_good)
+        self.say(stamp, good_force(tick))
 
     def watch(self, stamp: int, tick: int) -> None:
         """Somebody else pushes."""
+
+    def overhear(self, good: Callable[[float], bool]) -> None:
+        """Enter into the account what somebody else pushes: each force [N] that is good."""
+
+        def note(wrench: WrenchStamped) -> None:
+            stamp, force = from_stamp(wrench.header.stamp), wrench.wrench.force.x
+            if good(force):
+                self.last_good = time.monotonic()
+                self.account.pushed.setdefault(stamp, Pushed(force, self.last_good))
+
+        self.create_subscription(topics.WRENCH.type, topics.WRENCH.name, note, topics.WRENCH.qos)
 
     def say(self, stamp: int, force: float, frame: str = topics.SENSOR_FRAME) -> None:
         """One wrench, along x [N]."""
@@ -129,13 +145,16 @@ class Hand(RigNode):
             while (got := take(topics.END_EFFECTOR.type, False)) is not None:
                 motion, about = got
                 sent = 1e-9 * (about["source_timestamp"] - ahead)
-                self._motions.append(Heard(min(sent, time.monotonic()), motion.tick, motion.force.x))
+                stamp, force = from_stamp(motion.header.stamp), motion.force.x
+                self._motions.append(Heard(min(sent, time.monotonic()), motion.tick, force, stamp))
+                self.account.admit(stamp, force)
 
     @property
     def flowing(self) -> bool:
-        """Whether the robot moves under what is pushed, and nothing else."""
+        """Whether the robot moves under what is pushed or the controller puts in its place, and nothing else."""
         last = self.motions[-10:]
-        return len(last) == 10 and all(abs(heard.force) == PUSH for heard in last)
+        right = self.account.is_right
+        return len(last) == 10 and all(heard.force and right(heard.stamp, heard.force) for heard in last)
 
     @property
     def still(self) -> bool:
@@ -150,10 +169,6 @@ class Hand(RigNode):
         last = max((k for k, heard in enumerate(moved[:-1]) if heard.force), default=-1)
         return moved[last + 1].at
 
-    def first_zero(self, since: float) -> float | None:
-        """When the first motion without force came after a time [s, steady clock]."""
-        return next((heard.at for heard in self.motions if heard.at > since and heard.force == 0.0), None)
-
     def warned(self, node: str, key: str) -> int:
         """A count in a node's diagnostics."""
         return int(self.diagnostics.get(node, (b"", {}))[1].get(key, 0))
@@ -166,12 +181,13 @@ class Hand(RigNode):
         self.answer(from_stamp(state.header.stamp), tick)
 
     def _on_command(self, command: WrenchStamped) -> None:
-        self.commanded.add(command.wrench.force.x)
+        self.account.admit(from_stamp(command.header.stamp), command.wrench.force.x)
 
     def _on_decision(self, decision: Any) -> None:
         self.decided[decision.tick] += 1
-        self.heard.add(from_stamp(decision.header.stamp))
-        self.reasons[decision.tick] = decision.reason
+        stamp = from_stamp(decision.header.stamp)
+        self.heard.add(stamp)
+        self.account.decide(stamp, decision)
         self.slowest = max(self.slowest, decision.compute_time)
 
     def _on_recorder(self, state: RecorderState) -> None:

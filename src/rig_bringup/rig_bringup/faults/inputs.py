@@ -8,14 +8,16 @@ from collections.abc import Callable
 from geometry_msgs.msg import WrenchStamped
 
 from mig_interfaces.msg import TaskState
-from rig_bringup.faults.hand import POISON, PUSH
+from rig_bringup.faults.account import Pushed
+from rig_bringup.faults.hand import POISON, Hand, good_force
 from rig_bringup.faults.live_graph import LiveGraph
-from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, expect_reason, row
+from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, expect_reason, in_every_mode, row
 from rig_runtime import topics
 from rig_runtime.ticks import to_stamp
 from shared_control.filter import Reason
 
 _SAMPLE = 10_000_000  # [ns]
+_AHEAD = 10  # [ticks] how far a wrench is out of time
 
 # -- the wrench ----------------------------------------------------------------------------------------------------
 
@@ -30,12 +32,12 @@ def _bad_wrench(reason: Reason, force: float, frame: str = topics.SENSOR_FRAME) 
             graph.ticks(1)
             since = hand.last_good
             zero.append(graph.zero_after(since))
-            graph.ticks(20)
+            graph.ticks(10)
             expect_reason(graph, reason)
             graph.recover()
         return Seen(zero)
 
-    return inject
+    return in_every_mode(inject)
 
 
 _ZERO = "no force and the reason in each decision; goes on with the first good wrench"
@@ -46,48 +48,47 @@ row("wrench/huge", "the wrench is 1e6 N", _ZERO, 0.03)(_bad_wrench(Reason.EXCESS
 row("wrench/frame", "the wrench is in another frame", _ZERO, 0.03)(_bad_wrench(Reason.UNKNOWN_FRAME, POISON, "tool"))
 
 
-@row("wrench/silent", "no wrench comes", "no force, stale wrench; goes on by itself", LIMIT)
-def _silent(graph: LiveGraph, repeats: int) -> Seen:
-    zero = []
-    for _ in range(repeats):
-        graph.hand.answer = lambda stamp, tick: None
-        zero.append(graph.zero_after(graph.hand.last_good))
-        graph.ticks(5)
-        expect_reason(graph, Reason.STALE_WRENCH)
-        graph.recover()
-    return Seen(zero)
+def _no_wrench(answer: Callable[[Hand, int], None]) -> Inject:
+    """No wrench comes that is for the present, for so long that the force is zero and twenty ticks."""
+
+    def inject(graph: LiveGraph, repeats: int) -> Seen:
+        hand, zero, ticks = graph.hand, [], 0
+        for _ in range(repeats):
+            hand.answer = lambda stamp, tick: answer(hand, stamp)
+            zero.append(graph.zero_after(hand.last_good))
+            graph.ticks(10)
+            ticks = expect_reason(graph, Reason.STALE_WRENCH)
+            # What was said ahead would be taken for the first wrench of its tick.
+            hand.answer = lambda stamp, tick: None
+            graph.ticks(_AHEAD + 1)
+            graph.recover()
+        return Seen(zero, f"{ticks} ticks")
+
+    return in_every_mode(inject)
 
 
-@row("wrench/stale", "each wrench comes ten ticks late", "no force, stale wrench: what is late is dropped")
-def _stale(graph: LiveGraph, _: int) -> Seen:
-    graph.hand.answer = lambda stamp, tick: graph.hand.say(stamp - 10 * _SAMPLE, POISON)
-    graph.ticks(50)
-    expect_reason(graph, Reason.STALE_WRENCH)
-    return Seen([], f"{sum(r == Reason.STALE_WRENCH for r in graph.hand.reasons.values())} ticks")
-
-
-@row("wrench/future", "each wrench is stamped ten ticks ahead", "no force, stale wrench: what is far ahead is dropped")
-def _future(graph: LiveGraph, _: int) -> Seen:
-    graph.hand.answer = lambda stamp, tick: graph.hand.say(stamp + 10 * _SAMPLE, POISON)
-    graph.ticks(50)
-    expect_reason(graph, Reason.STALE_WRENCH)
-    # Those that are still ahead would be taken for duplicates of the good ones.
-    graph.hand.answer = lambda stamp, tick: None
-    graph.ticks(15)
-    return Seen([])
+row("wrench/silent", "no wrench comes", "no force, stale wrench; goes on by itself", LIMIT)(
+    _no_wrench(lambda hand, stamp: None)
+)
+row("wrench/stale", "each wrench comes ten ticks late", "no force, stale wrench: what is late is dropped", LIMIT)(
+    _no_wrench(lambda hand, stamp: hand.say(stamp - _AHEAD * _SAMPLE, POISON))
+)
+row("wrench/future", "each wrench is stamped ten ticks ahead", "no force, stale wrench: that is dropped", LIMIT)(
+    _no_wrench(lambda hand, stamp: hand.say(stamp + _AHEAD * _SAMPLE, POISON))
+)
 
 
 @row(
     "wrench/out of order", "pairs of wrenches change places", "each tick is decided once, on its own wrench or on none"
 )
 def _out_of_order(graph: LiveGraph, _: int) -> Seen:
-    kept: list[int] = []
+    kept: list[tuple[int, int]] = []
 
     def swap(stamp: int, tick: int) -> None:
-        kept.append(stamp)
+        kept.append((stamp, tick))
         if len(kept) == 2:
-            graph.hand.say(kept.pop(), PUSH)
-            graph.hand.say(kept.pop(), -PUSH)
+            graph.hand.push(*kept.pop())
+            graph.hand.push(*kept.pop())
 
     graph.hand.answer = swap
     graph.ticks(50)
@@ -132,8 +133,7 @@ def _slow(graph: LiveGraph, _: int) -> Seen:
     graph.hand.answer = lambda stamp, tick: graph.hand.push(stamp, tick) if tick % 10 == 0 else None
     graph.ticks(100)
     expect_every_tick_once(graph)
-    expect_reason(graph, Reason.STALE_WRENCH)
-    return Seen([])
+    return Seen([], f"{expect_reason(graph, Reason.STALE_WRENCH)} ticks without force")
 
 
 @row("wrench/two publishers", "a second node pushes too", "the first of each tick counts, the other is counted")
@@ -141,11 +141,17 @@ def _two_publishers(graph: LiveGraph, _: int) -> Seen:
     second = graph.hand.create_publisher(WrenchStamped, topics.WRENCH.name, topics.WRENCH.qos)
 
     def both(stamp: int, tick: int) -> None:
-        graph.hand.push(stamp, tick)
         message = WrenchStamped()
         message.header.stamp, message.header.frame_id = to_stamp(stamp), topics.SENSOR_FRAME
-        message.wrench.force.x = PUSH
-        second.publish(message)
+        message.wrench.force.x = -2.0 * good_force(tick)
+        # Each is the first in every other pair of ticks.
+        if tick % 4 < 2:
+            graph.hand.push(stamp, tick)
+            second.publish(message)
+        else:
+            second.publish(message)
+            graph.hand.push(stamp, tick)
+            graph.hand.account.pushed[stamp] = Pushed(message.wrench.force.x, graph.hand.last_good)
 
     try:
         graph.wait(lambda: second.get_subscription_count() > 0, "the second publisher was not matched")
@@ -175,13 +181,12 @@ def _other_graph(graph: LiveGraph, _: int) -> Seen:
 # -- the state -----------------------------------------------------------------------------------------------------
 
 
-@row("state/not finite", "a state of NaN between two ticks, with a good wrench", "no force, non finite state")
 def _bad_state(graph: LiveGraph, _: int) -> Seen:
     states = graph.hand.create_publisher(TaskState, topics.TASK_STATE.name, topics.TASK_STATE.qos)
     graph.wait(lambda: states.get_subscription_count() >= 2, "the false state's publisher was not matched")
     # A false state that is published late stands behind the next true one.
     graph.out_of_turn.add(topics.TASK_STATE.name)
-    false: list[int] = []
+    false: set[int] = set()
 
     def disturb(stamp: int, tick: int) -> None:
         if stamp in false:
@@ -190,7 +195,7 @@ def _bad_state(graph: LiveGraph, _: int) -> Seen:
         graph.hand.push(stamp, tick)
         message = TaskState(tick=2**40 + tick, state=[math.nan] * 4, control=[0.0])
         message.header.stamp, message.header.frame_id = to_stamp(stamp + _SAMPLE // 2), topics.TASK_FRAME
-        false.append(stamp + _SAMPLE // 2)
+        false.add(stamp + _SAMPLE // 2)
         states.publish(message)
 
     graph.hand.answer = disturb
@@ -198,5 +203,9 @@ def _bad_state(graph: LiveGraph, _: int) -> Seen:
     graph.hand.answer = graph.hand.push
     graph.hand.destroy_publisher(states)
     graph.ticks(20)
-    expect_reason(graph, Reason.NON_FINITE_STATE)
-    return Seen([])
+    return Seen([], f"{expect_reason(graph, Reason.NON_FINITE_STATE)} ticks")
+
+
+row("state/not finite", "a state of NaN between two ticks, with a good wrench", "no force, non finite state")(
+    in_every_mode(_bad_state)
+)

@@ -15,6 +15,8 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 import rclpy
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 
 from mig_interfaces.msg import RecorderState, TrialState
@@ -27,6 +29,7 @@ from rig_bringup.scenario import parameter_file
 from rig_bringup.up import scheduling
 from rig_runtime import topics
 from rig_runtime.run import make_executor, wait_until
+from shared_control.decision import Mode
 
 #: [s] How long anything may take that is not measured: starting a node, going on after a fault.
 _PATIENCE = 120.0
@@ -84,6 +87,9 @@ class LiveGraph:
         self.parameters = folder / "parameters.yaml"
         self.parameters.write_text(parameter_file(self.sections()))
         self.processes: dict[str, GraphProcess] = {}
+        #: What the filter does with a good force.
+        self.mode = "off"
+        self._clients: dict[str, AsyncParameterClient] = {}
         self._stalls = Stalls()
         #: [s] The machine's stall during each wait for zero force.
         self.stalls: list[float] = []
@@ -149,6 +155,8 @@ class LiveGraph:
             self.bags.append(self.folder / f"bag_{len(self.bags)}")
             self.hand.heard.clear()
             parameters["uri"] = str(self.bags[-1])
+        if node == "mig_filter":
+            self.mode = str(parameters.get("mode", "off"))
         self.processes[node] = self.start_process(node, node, self.namespace, **parameters)
 
     def start_process(self, like: str, name: str, namespace: str, **parameters: object) -> GraphProcess:
@@ -222,12 +230,19 @@ class LiveGraph:
         self.wait(lambda: len(self.hand.states) >= begin + count, f"{count} more ticks have not come")
 
     def zero_after(self, since: float) -> float:
-        """How long after a loss the robot first moved under no force [s]; to be called at once after it."""
-        with self.noting_stalls():
-            self.wait(lambda: self.hand.first_zero(since) is not None, "the force has not become zero", limit=10.0)
-        found = self.hand.first_zero(since)
-        assert found is not None
-        return found - since
+        """How long after a loss the robot moved under no force, and under none since [s]; to be called at once."""
+        self.still()
+        return max(self.hand.first_still - since, 0.0)
+
+    def stays_zero(self, since: float) -> None:
+        """Up to now the robot has moved under no force from a time on [s, steady clock].
+
+        Raises
+        ------
+        FaultError: it has moved under one.
+        """
+        if forces := [heard.force for heard in self.hand.motions if heard.at >= since and heard.force]:
+            raise FaultError(f"{forces[:5]} N were admitted before what was lost was back")
 
     def still(self) -> None:
         """Serve the hand until the robot has moved under no force for a while."""
@@ -242,6 +257,32 @@ class LiveGraph:
             yield
         finally:
             self.stalls.append(self._stalls.worst)
+
+    def judge(self, mode: str, threshold: float = 0.0) -> None:
+        """Have the filter judge in this mode, and wait until it does."""
+        self.change("mig_filter", mode=mode, threshold=threshold)
+        wanted, account = Mode[mode.upper()], self.hand.account
+
+        def in_force() -> bool:
+            decided = next(reversed(account.decided.values()), None)
+            return decided is not None and decided.mode is wanted and decided.threshold == threshold
+
+        self.wait(in_force, f"no decision has been in the mode {mode}")
+        self.mode = mode
+
+    def change(self, node: str, **parameters: object) -> list[str]:
+        """Change parameters of a node; returns why it refused to, for each that it did."""
+        if node not in self._clients:
+            self._clients[node] = AsyncParameterClient(self.hand, node)
+        client = self._clients[node]
+        self.wait(client.services_are_ready, f"the parameters of {node} are not served")
+        wanted = [Parameter(name, value=value) for name, value in parameters.items()]
+        for _ in range(30):
+            # Of a node that was killed the service may be known longer than that of the one in its place.
+            future = client.set_parameters(wanted)
+            if wait_until(future.done, self.executor, 2.0):
+                return [result.reason or "refused" for result in future.result().results if not result.successful]
+        raise FaultError(f"{node} did not answer a change of its parameters")
 
     def recover(self) -> None:
         """A good hand again, until the robot follows it."""

@@ -17,7 +17,6 @@ from pathlib import Path
 from mig_interfaces.msg import TrialState
 from rig_bag import BagError
 from rig_bag.repair import repair
-from rig_bringup.faults.hand import PUSH
 from rig_bringup.faults.live_graph import FaultError, LiveGraph, patched_environment
 from rig_bringup.faults.rows import NotHereError, Seen, expect_every_tick_once, expect_whole_bag, row
 from rig_bringup.graph_process import GraphProcess
@@ -242,8 +241,6 @@ def _slow_subscriber(graph: LiveGraph, _: int) -> Seen:
             subscriber.send_all(signal.SIGCONT)
             graph.ticks(10)
         expect_every_tick_once(graph)
-        if forces := {heard.force for heard in graph.hand.motions} - {PUSH, -PUSH, 0.0}:
-            raise FaultError(f"the robot moved under {sorted(forces)} N")
     finally:
         subscriber.send_all(signal.SIGCONT)
         graph.end(subscriber)

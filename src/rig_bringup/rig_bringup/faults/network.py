@@ -17,6 +17,9 @@ _CLONE_NEWNET = 0x40000000
 _NEAR, _FAR = "rignear", "rigfar"
 _UP_LIMIT = 10.0  # [s]
 
+#: [s] After its push no force may be followed: the filter waits for `command_timeout` and so does the robot.
+_TOO_LATE = 2.0 * LIMIT
+
 #: A program for the kernel's filter that drops a packet if a random number is below a bound, for kernels without netem:
 #: load random; jump if not below; drop; pass.
 _DROP = "4,32 0 0 4294963256,53 1 0 {bound},6 0 0 2,6 0 0 0"
@@ -159,8 +162,13 @@ def _lossy(share: float) -> Inject:
             _beside(graph, 0.0)
         if twice := [tick for tick, count in hand.decided.items() if count > 1]:
             raise FaultError(f"{len(twice)} ticks were decided twice, the first is {twice[0]}")
-        still = sum(heard.force == 0.0 for heard in hand.motions)
-        return Seen([], f"{100 * still / max(len(hand.motions), 1):.0f} % of the motions under no force; by {means}")
+        # From the push to the motion, for each that was followed.
+        pushed = hand.account.pushed
+        late = [heard.at - pushed[heard.stamp].at for heard in hand.motions if heard.force and heard.stamp in pushed]
+        if max(late, default=0.0) > _TOO_LATE:
+            raise FaultError(f"a force was followed {1e3 * max(late):.0f} ms after it was pushed")
+        still = 100.0 * (1.0 - len(late) / max(len(hand.motions), 1))
+        return Seen(late, f"these times: to a motion under force; {still:.0f} % under none; by {means}")
 
     return inject
 
@@ -175,5 +183,6 @@ for _name, _share in (("a hundredth", 0.01), ("a tenth", 0.1)):
         f"network/loses {_name}",
         f"the line to the filter loses {_name} of its packets, both ways",
         "no tick twice, no force on what is late; goes on",
-        on=SplitGraph,
+        LIMIT,
+        SplitGraph,
     )(_lossy(_share))

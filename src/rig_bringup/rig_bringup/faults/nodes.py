@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
-from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, expect_reason, row
+from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, in_every_mode, row
 from rig_runtime import topics
 from shared_control.filter import Reason
 
@@ -54,13 +54,13 @@ def _killed(node: str) -> Inject:
 
 
 row("filter/stopped", "the filter is stopped (SIGSTOP)", "the robot under no force; goes on by itself", LIMIT)(
-    _stopped("mig_filter")
+    in_every_mode(_stopped("mig_filter"))
 )
 row("filter/killed", "the filter is killed (-9) and started again", "the robot under no force until then", LIMIT)(
     _killed("mig_filter")
 )
 row("task/stopped", "the task is stopped (SIGSTOP)", "no commands, the robot under no force; goes on", LIMIT)(
-    _stopped("task_sim")
+    in_every_mode(_stopped("task_sim"))
 )
 row("task/killed", "the task is killed (-9) and started again", "the robot under no force; a new trial", LIMIT)(
     _killed("task_sim")
@@ -185,8 +185,6 @@ def _filter_slow(graph: LiveGraph, _: int) -> Seen:
     finally:
         graph.replace_filter()
     graph.recover()
-    # It may have said in time or late what no hand has pushed: it is the controller's, and within its limits.
-    graph.hand.commanded.clear()
     return Seen([], f"a decision took {slowest:.1f} s")
 
 
@@ -202,8 +200,9 @@ def _stale_states(graph: LiveGraph, _: int) -> Seen:
     time.sleep(0.3)
     graph.resume("task_sim")
     graph.ticks(40)
-    expect_reason(graph, Reason.STALE_STATE)
-    count = sum(reason == Reason.STALE_STATE for reason in graph.hand.reasons.values())
+    count = sum(decided.reason is Reason.STALE_STATE for decided in graph.hand.account.decided.values())
+    if not count:
+        raise FaultError("no decision gave the reason stale_state")
     graph.replace_filter()
     return Seen([], f"{count} ticks")
 

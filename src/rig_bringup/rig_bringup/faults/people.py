@@ -14,7 +14,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from mig_interfaces.msg import TrialState
-from rig_bringup.faults.hand import PUSH
+from rig_bringup.faults.account import Pushed
+from rig_bringup.faults.hand import PUSH, good_force
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
 from rig_bringup.faults.marked import Marked
 from rig_bringup.faults.nodes import MOST_STARTS
@@ -37,14 +38,18 @@ class UserGraph(LiveGraph):
     def sections(self) -> dict[str, dict[str, Any]]:
         recording = self.folder / "force.npy"
         force = np.zeros((360_000, 3))
-        force[:, 0] = np.where(np.arange(len(force)) % 2, PUSH, -PUSH)
+        force[:, 0] = [good_force(tick) for tick in range(len(force))]
         np.save(recording, force)
         pusher = {"user": "replay", "recording": str(recording)}
         required = {"required_nodes": ["pusher", "mig_filter", "admittance_sim", "recorder"]}
         return {**super().sections(), "/**/pusher": pusher, "/**/task_sim": required}
 
     def begin(self) -> None:
-        self.good = self.hand.answer = self.hand.watch
+        self.good = self.hand.answer = self.knows
+
+    def knows(self, stamp: int, tick: int) -> None:
+        """The user pushes what is in its recording."""
+        self.hand.account.pushed[stamp] = Pushed(good_force(tick), time.monotonic())
 
 
 def _user(restart: bool) -> Inject:
@@ -53,9 +58,15 @@ def _user(restart: bool) -> Inject:
         for _ in range(min(repeats, MOST_STARTS) if restart else repeats):
             since = graph.kill("pusher") if restart else graph.stop("pusher")
             try:
+                # It may have answered the tick before this one sees it, and may do so when it is back.
+                graph.ticks(1)
+                graph.hand.answer = graph.hand.watch
                 zero.append(graph.zero_after(since))
                 graph.ticks(5)
                 expect_reason(graph, Reason.STALE_WRENCH)
+                graph.hand.answer = graph.knows
+                graph.ticks(1)
+                graph.stays_zero(since + zero[-1])
             finally:
                 graph.start("pusher") if restart else graph.resume("pusher")
             graph.hand.motions.clear()
@@ -99,6 +110,7 @@ class PersonGraph(LiveGraph):
 
     def begin(self) -> None:
         self.good = self.hand.answer = self.hand.watch
+        self.hand.overhear(lambda force: abs(force) == PUSH)
         self.page = Page(self._port)
         self.start_trial()
 
@@ -138,6 +150,7 @@ class PersonGraph(LiveGraph):
         )
         self.wait(lambda: bool(page.status.get("faults")), "the page does not say that there is no force")
         self.wait(lambda: page.driving and time.monotonic() - page.last_push < 0.1, "the page does not push again")
+        self.wait(lambda: time.monotonic() - hand.last_good < 0.1, "what the page pushes is not heard here")
         self.ticks(5)
         # A robot that was lost and is not back yet moves under nothing.
         zero = max(hand.first_still - since, 0.0) if hand.motions else 0.0

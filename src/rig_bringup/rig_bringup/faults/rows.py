@@ -1,18 +1,17 @@
 """What a row of the table of faults is, and how one is run.
 
-The rows are in `inputs`, `nodes`, `machine`, `network`, `people` and `starts`.
+The rows are in `inputs`, `nodes`, `machine`, `network`, `people`, `sessions` and `starts`.
 """
 
 from __future__ import annotations
 
-import math
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig_bag import BagError
 from rig_bag.verify import verify
-from rig_bringup.faults.hand import PUSH
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
 from rig_runtime.realtime import collect_garbage
 from shared_control.filter import Reason
@@ -27,6 +26,7 @@ __all__ = [
     "expect_every_tick_once",
     "expect_reason",
     "expect_whole_bag",
+    "in_every_mode",
     "row",
     "run",
 ]
@@ -84,34 +84,66 @@ def run(graph: LiveGraph, row: Row, repeats: int) -> Seen:
 
     Raises
     ------
-    FaultError: what must follow did not, or a force that is not the good hand's went through.
+    FaultError: what must follow did not, or a force was admitted for a tick that was not what the good hand pushed in
+    that tick, or what the filter says that its controller put in the place of that.
     NotHereError: it cannot be done on this machine.
     """
+    if graph.mode != "off":
+        graph.judge("off")
     graph.recover()
     graph.hand.forget()
+    graph.hand.account.begin()
     # Collecting what the row before left takes as long as several ticks, and so does judging it; the hand is deaf
     # meanwhile, and what it has to catch up on is no time of this row: some ten ticks that come at once.
     collect_garbage()
     graph.ticks(30)
     seen = row.inject(graph, repeats)
-    through = graph.hand.commanded | {heard.force for heard in graph.hand.motions}
-    if through := {force for force in through if not math.isfinite(force) or abs(force) not in (0.0, PUSH)}:
-        raise FaultError(f"raw input went through: {sorted(through)} N")
+    # By then the decisions have come of all that was admitted.
     graph.recover()
+    if wrong := graph.hand.account.wrong():
+        forces = ", ".join(f"{force:g}" for _, force in wrong[:5])
+        raise FaultError(f"raw input went through: {forces} N, in {len(wrong)} commands or motions")
     return seen
 
 
-def expect_reason(graph: LiveGraph, reason: Reason) -> None:
-    """One of these reasons was given.
+#: By mode, the threshold under which a good force passes as it is, is accepted, is replaced by the controller's.
+_MODES = {"off": 0.0, "training": 1e9, "assistance": -1e9}
+
+
+def in_every_mode(inject: Inject) -> Inject:
+    """The same with the filter off, in training and in assistance, in each of them its share of the injections."""
+
+    def inject_in_each(graph: LiveGraph, repeats: int) -> Seen:
+        zero: list[float] = []
+        remark = ""
+        for mode, threshold in _MODES.items():
+            graph.judge(mode, threshold)
+            graph.recover()
+            graph.hand.motions.clear()
+            seen = inject(graph, -(-repeats // len(_MODES)))
+            zero, remark = zero + seen.zero, seen.remark
+            graph.recover()
+        return Seen(zero, f"in three modes{'; ' if remark else ''}{remark}")
+
+    return inject_in_each
+
+
+def expect_reason(graph: LiveGraph, reason: Reason) -> int:
+    """Each decision on a tick without a good force gives this reason; returns how many there are.
+
+    A wrench that is late besides may be called stale, but not most of them.
 
     Raises
     ------
-    FaultError: it was not.
+    FaultError: there is none, or it gives another reason.
     """
-    seen = set(graph.hand.reasons.values())
-    if reason not in seen:
-        names = ", ".join(Reason(number).name.lower() for number in sorted(seen))
-        raise FaultError(f"no decision gave the reason {reason.name.lower()}; there were {names}")
+    given = Counter(graph.hand.account.reasons().values())
+    if not given[reason] or given[Reason.STALE_WRENCH] > given[reason] or set(given) - {reason, Reason.STALE_WRENCH}:
+        told = ", ".join(f"{count} of {which.name.lower()}" for which, count in given.items()) or "none"
+        raise FaultError(
+            f"the decisions without a good force must give the reason {reason.name.lower()}; there is {told}"
+        )
+    return given[reason]
 
 
 def expect_every_tick_once(graph: LiveGraph) -> None:
