@@ -63,8 +63,8 @@ def _address(array: Any) -> Any:
     return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
-def _agree(first: float, second: float, where: str) -> None:
-    if abs(first - second) > 1e-9 * abs(first):
+def _agree(first: float, second: float, where: str, tolerance: float = 1e-9) -> None:
+    if abs(first - second) > tolerance * abs(first):
         raise BenchError(f"the two versions disagree: {first!r} {where}, {second!r} with numba")
 
 
@@ -128,21 +128,18 @@ class Case:
         )
 
 
-def rows(name: str, runs: int) -> list[Row]:
-    """Evaluation and replacement of a task, beside the evaluation in C."""
-    case = Case(name)
-    titles = (_IN_C, _EVALUATED, _REPLACED)
+def evaluation(case: Case, runs: int) -> Row:
+    """One evaluation beside the same in C."""
     with case.calls() as timed:
-        c, numba, replaced = alternate(runs, *(lambda call=timed[title]: 1e6 * typical(call, 30) for title in titles))
-    in_c = f"one evaluation in C -O3, {case.steps} steps"
-    return [
-        Row(f"filter.{name}.evaluation", _EVALUATED, "us", numba, in_c, c, wanted="ratio <= 1.2"),
-        Row(f"filter.{name}.replacement", _REPLACED, "us", replaced, in_c, c),
-    ]
+        c, numba = alternate(
+            runs, *(lambda call=timed[title]: 1e6 * typical(call, 30) for title in (_IN_C, _EVALUATED))
+        )
+    in_c = f"the same in C -O3, {case.steps} steps"
+    return Row(f"filter.{case.name}.evaluation", _EVALUATED, "us", numba, in_c, c, wanted="ratio <= 1.2")
 
 
 def cart_pendulum(runs: int) -> list[Row]:
-    """:func:`rows` of the cart-pendulum, and the evaluation beside that in Python scalars."""
+    """Evaluation beside C and Python scalars; decision and search beside C."""
     case = Case("cart_pendulum")
     _agree(case.in_scalars(), case.evaluate(case.x, case.good), "in Python scalars")
     numba, python = alternate(
@@ -151,52 +148,77 @@ def cart_pendulum(runs: int) -> list[Row]:
         lambda: 1e6 * typical(case.in_scalars, 2),
     )
     scalar = Row("filter.cart_pendulum.scalars", _EVALUATED, "us", numba, "the same in Python scalars", python)
-    return [*rows("cart_pendulum", runs), _search(case, runs), scalar]
+    with library("cart_pendulum") as compiled:
+        return [evaluation(case, runs), *_replacement(case, compiled, runs), scalar]
 
 
-def _search(case: Case, runs: int) -> Row:
-    """iLQR from a warm schedule, beside the same in C."""
+def _replacement(case: Case, compiled: ctypes.CDLL, runs: int) -> list[Row]:
+    """A decision that replaces, and iLQR alone from a schedule that is always the same, beside both in C."""
     task, n, m, steps = case.task, case.task.n, case.task.m, case.steps
     case.controller.solve(case.x)
     case.controller.advance()
     # The controller's own schedule of a tick ago, which each call improves anew.
-    warm, iterations, tolerance = case.controller.schedule, 3, 1e-3
+    warm = case.controller.schedule
+    iterations, tolerance = case.filter.config.controller_iterations, case.filter.config.controller_tolerance
     start, limits = np.append(case.x, 0.0), np.array(task.control_limits)
-    ours, theirs = warm.copy(), warm.copy()
+    ours, theirs, decided = warm.copy(), warm.copy(), np.zeros_like(warm)
     memory = [np.zeros(shape) for shape in ((steps + 1, n + 1), (steps, m), (steps + 1, n + 1))]
     memory += [*np.zeros((2, store_size(task, steps))), np.zeros((steps, m)), np.zeros((steps, m, n))]
     kernel = bound(ilqr_kernels.search)
+    compiled.replacement.restype = compiled.decision.restype = ctypes.c_double
+    arrays = [np.array(part) for part in (task.parameters, *(case.cost[k] for k in (0, 3, 2)))]
+    physics, weights, terminal, target = map(_address, arrays)
+    weight, limit = ctypes.c_double(case.cost.control_weights[0]), ctypes.c_double(limits[0])
+    x, bad, out, schedule = map(_address, (case.x, case.bad, theirs, decided))
+    rest = (ctypes.c_double(SAMPLE_TIME), steps, iterations, ctypes.c_double(tolerance))
 
-    def in_numba() -> float:
+    def search() -> float:
         ours[:] = warm
         found: tuple[float, int, bool] = kernel(
             *(task.parameters, case.cost, start, ours, limits, SAMPLE_TIME, iterations, tolerance, *memory)
         )
         return found[0]
 
-    with library("cart_pendulum") as compiled:
-        compiled.replacement.restype = ctypes.c_double
-        arrays = [np.array(part) for part in (task.parameters, *(case.cost[k] for k in (0, 3, 2)))]
-        given, inputs = [_address(array) for array in arrays], [_address(case.x), _address(theirs)]
-        weight, limit = ctypes.c_double(case.cost.control_weights[0]), ctypes.c_double(limits[0])
-        rest = (ctypes.c_double(SAMPLE_TIME), steps, iterations, ctypes.c_double(tolerance))
+    def search_in_c() -> float:
+        theirs[:] = warm
+        return float(compiled.replacement(physics, weights, terminal, target, weight, limit, x, out, *rest))
 
-        def in_c() -> float:
-            theirs[:] = warm
-            found: float = compiled.replacement(*given, weight, limit, *inputs, *rest)
-            return found
+    def decide_in_c() -> float:
+        return float(compiled.decision(physics, weights, terminal, target, weight, limit, x, bad, schedule, *rest))
 
-        _agree(in_c(), in_numba(), "in C")
-        if not np.allclose(ours, theirs, rtol=1e-6, atol=1e-9):
-            raise BenchError("the two versions disagree on a schedule")
-        numba, c = alternate(runs, lambda: 1e6 * typical(in_numba, 30), lambda: 1e6 * typical(in_c, 30))
-    what = f"iLQR from a warm schedule, {steps} steps, numba (called from Python)"
-    return Row("filter.cart_pendulum.ilqr", what, "us", numba, "the same in C -O3", c)
+    def decide() -> float:
+        return float(case.filter.decide(case.x, case.bad).applied_control[0])
+
+    _agree(search_in_c(), search(), "in C")
+    if not np.allclose(ours, theirs, rtol=1e-6, atol=1e-9):
+        raise BenchError("the two versions disagree on a schedule")
+    case.filter.reset()
+    for _ in range(20):
+        _agree(decide_in_c(), decide(), "decided in C", 1e-6)
+    calls = (decide, decide_in_c, search, search_in_c)
+    ours_decided, c_decided, ours_sought, c_sought = alternate(
+        runs, *(lambda call=call: 1e6 * typical(call, 30) for call in calls)
+    )
+    del arrays
+    what = f"iLQR alone, {iterations} iterations at most from one schedule each time, {steps} steps, numba"
+    return [
+        Row(
+            *("filter.cart_pendulum.replacement", f"{_REPLACED}: evaluation and search, of a tick after the other"),
+            *("us", ours_decided, "the same in C -O3, both called from Python", c_decided),
+        ),
+        Row("filter.cart_pendulum.ilqr", what, "us", ours_sought, "the same in C -O3", c_sought),
+    ]
 
 
 def slip(runs: int) -> list[Row]:
-    """:func:`rows` of SLIP."""
-    return rows("slip", runs)
+    """Evaluation beside C; a decision that replaces beside an evaluation, because there is no search in C."""
+    case = Case("slip")
+    with case.calls() as timed:
+        c, replaced = alternate(
+            runs, *(lambda call=timed[title]: 1e6 * typical(call, 30) for title in (_IN_C, _REPLACED))
+        )
+    baseline = "one evaluation in C -O3 (its search has no version in C)"
+    return [evaluation(case, runs), Row("filter.slip.replacement", _REPLACED, "us", replaced, baseline, c)]
 
 
 def laboratory(runs: int) -> list[Row]:
@@ -231,25 +253,25 @@ def laboratory(runs: int) -> list[Row]:
 
 
 def batch(runs: int, count: int = 1000) -> list[Row]:
-    """Many states, one after the other."""
+    """Many states in one call."""
     case = Case("cart_pendulum")
     states = np.random.default_rng(0).normal(case.x, 1.0, (count, case.task.n))
     values = np.zeros(count)
     with library("cart_pendulum") as compiled:
         _, given = kept = case._given(states, case.good)
         out = _address(values)
-        found = np.array([case.evaluate(x, case.good) for x in states])
+        found = case.evaluate.many(states, case.good)
         compiled.criteria(*given, count, out)
         if not np.allclose(values, found, rtol=1e-6, atol=1e-9):
             raise BenchError("the two versions disagree over a batch of states")
         numba, c = alternate(
             runs,
-            lambda: 1e6 / count * typical(lambda: [case.evaluate(x, case.good) for x in states], 1),
+            lambda: 1e6 / count * typical(lambda: case.evaluate.many(states, case.good), 1),
             lambda: 1e6 / count * typical(lambda: compiled.criteria(*given, count, out), 1),
         )
         del kept
-    what = f"each of {count} states, numba, a loop in Python"
-    return [Row("filter.batch", what, "us", numba, "a loop in C -O3", c)]
+    what = f"evaluation of {count} states in one call, numba, each"
+    return [Row("filter.batch", what, "us", numba, "the same in C -O3, one call, each", c)]
 
 
 def measure(name: str, horizon: float | None, runs: int, calls: int) -> None:

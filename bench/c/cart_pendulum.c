@@ -271,3 +271,16 @@ double replacement(const double *physics, const double *q, const double *target,
     }
     return best;
 }
+
+/* A decision: the schedule of a tick ago moved on by a sample, the criterion of the user's control, and if that is positive
+   the search, from the schedule in place. */
+double decision(const double *physics, const double *q, const double *target, const double *terminal, double weight,
+                double limit, const double *start, const double *user, double *us, double h, int steps, int iterations,
+                double tolerance)
+{
+    memmove(us, us + 1, sizeof(double) * (steps - 1));
+    us[steps - 1] = 0.0;
+    if (criterion(physics, q, target, start, user, h, steps) <= 0.0) return user[0];
+    replacement(physics, q, target, terminal, weight, limit, start, us, h, steps, iterations, tolerance);
+    return us[0];
+}

@@ -178,3 +178,29 @@ def test_one_sample_is_the_shortest_horizon():
             samples(horizon, dt)
     with pytest.raises(ParameterError, match="adjoint_along"):
         mig_integral(TASK, COST, np.zeros(4), 1.0, horizon=1.0, dt=0.01, adjoint_along="optimal")
+
+
+@pytest.mark.parametrize("name", ["cart_pendulum", "slip"])
+@pytest.mark.parametrize("along", ALONG)
+def test_many_states_in_one_call_are_the_same_numbers(name, along):
+    task = tasks.get(name)
+    random = np.random.default_rng(11)
+    states = random.normal(task.initial_state, 0.3, (40, task.n))
+    controls = random.normal(0.0, 3.0, (40, task.m))
+    criterion = criteria(along, cost=quadratic(task), task=task)
+    apart = [criterion(x, u) for x, u in zip(states, controls, strict=True)]
+    assert criterion.many(states, controls).tolist() == apart
+    # One control for all, arrays of another layout, and modes that are given.
+    modes = [task.mode(x) for x in states]
+    assert criterion.many(np.asfortranarray(states), controls[0], modes).tolist() == [
+        criterion(x, controls[0]) for x in states
+    ]
+
+
+def test_many_states_must_fit_the_task():
+    criterion = criteria("nominal")
+    with pytest.raises(ParameterError, match=r"states: \(3, 2\) is not allowed; cart_pendulum needs \(K, 4\)"):
+        criterion.many(np.zeros((3, 2)), np.zeros(1))
+    with pytest.raises(ParameterError, match=r"controls: \(2, 1\)"):
+        criterion.many(np.zeros((3, 4)), np.zeros((2, 1)))
+    assert criterion.many(np.zeros((0, 4)), np.zeros(1)).shape == (0,)

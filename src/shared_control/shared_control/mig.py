@@ -97,6 +97,27 @@ def _slope(
 
 
 @jit
+def _slopes(
+    p: Any,
+    c: Any,
+    modes: Array,
+    states: Array,
+    controls: Array,
+    us: Array,
+    along_user: bool,
+    h: float,
+    xs: Array,
+    ds: Array,
+    values: Array,
+) -> None:
+    """The criterion of each row, into ``values``."""
+    for k in range(len(values)):
+        for j in range(us.shape[1]):
+            us[0, j] = controls[k, j]
+        values[k] = _slope(p, c, modes[k], states[k], us, 1, along_user, h, xs, ds)
+
+
+@jit
 def _one_sided(
     p: Any, c: Any, x0: Vector, us: Array, length: int, applied: int, h: float, xs: Array, ds: Array
 ) -> float:
@@ -163,7 +184,7 @@ class Criterion:
         self._x, self._us = np.zeros(task.n), np.zeros((self._steps, task.m))
         self._xs = np.zeros((self._steps + 1, task.n))
         self._ds = np.zeros(store_size(task, self._steps))
-        self._slope = bound(_slope)
+        self._slope, self._slopes = bound(_slope), bound(_slopes)
 
     def __call__(self, x: Array, u_user: Array, task_mode: int | None = None, then: Array | None = None) -> float:
         """Criterion [unit of the cost] of a user's control (m,) at a state (n,); not finite if the numbers overflow.
@@ -182,6 +203,36 @@ class Criterion:
         return self._slope(
             *(self._p, self._c, mode, self._x, self._us, length, self._along_user, self._h, self._xs, self._ds)
         )
+
+    def many(self, states: Array, controls: Array, task_modes: Array | None = None) -> Array:
+        """Criterion of each of K states (K, n) with its control (K, m), or with one for all (m,): (K,), in one call.
+
+        The same numbers as one after the other; for maps over states. ``task_modes`` (K,) of a hybrid task; None: those
+        of the states alone.
+
+        Raises
+        ------
+        ParameterError: arrays that do not fit the task or each other.
+        """
+        states = np.ascontiguousarray(states, dtype=float)
+        if states.ndim != 2 or states.shape[1] != self._task.n:
+            raise ParameterError(f"states: {states.shape} is not allowed; {self._task.name} needs (K, {self._task.n})")
+        count = len(states)
+        modes = [self._task.mode(x) for x in states] if task_modes is None else task_modes
+        try:
+            controls = np.ascontiguousarray(np.broadcast_to(controls, (count, self._task.m)), dtype=float)
+            modes = np.ascontiguousarray(np.broadcast_to(modes, (count,)), dtype=np.int64)
+        except ValueError:
+            raise ParameterError(
+                f"controls: {np.shape(controls)} and modes: {np.shape(modes)} are not allowed; {count} states need "
+                f"({count}, {self._task.m}) or ({self._task.m},), and ({count},)"
+            ) from None
+        values = np.zeros(count)
+        self._slopes(
+            *(self._p, self._c, modes, states, controls, self._us, self._along_user, self._h, self._xs, self._ds),
+            values,
+        )
+        return values
 
 
 class CostOfNothing:
