@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable
 
 import numpy as np
 from live import Live
-from rows import Row, alternate
+from rows import Row, alternate, percentile
 
 from mig_filter_node.node import MigFilterNode
 from rig_runtime import topics
@@ -32,8 +31,8 @@ def _inputs() -> list[tuple[bytes, bytes]]:
     return found
 
 
-def _times(make: Callable[[Live], None]) -> float:
-    """Median time [us] from the wrench's publication to the command's arrival."""
+def _times(make: Callable[[Live], None]) -> list[float]:
+    """Times [s] from the wrench's publication to the command's arrival."""
     inputs, times = _inputs(), []
     with Live() as live:
         probe = live.node("probe", "/rig")
@@ -62,7 +61,7 @@ def _times(make: Callable[[Live], None]) -> float:
         live.settle(lambda: all(count() for count in outputs))
         send()
         live.serve(done)
-    return 1e6 * statistics.median(times)
+    return times
 
 
 def _echo(live: Live) -> None:
@@ -84,4 +83,11 @@ def rows(runs: int) -> list[Row]:
         lambda: _times(_echo),
     )
     what = "wrench out to command in, through the filter node, work included"
-    return [Row("node.tick", what, "us", node, "a bare rclpy node that sends the message object back", echo)]
+    baseline = "a bare rclpy node that sends the message object back"
+    return [
+        Row(
+            *(f"node.tick.{name}", f"{what}, {name}", "us", tuple(1e6 * percentile(times, share) for times in node)),
+            *(baseline, tuple(1e6 * percentile(times, share) for times in echo)),
+        )
+        for name, share in (("p50", 0.5), ("p99", 0.99))
+    ]

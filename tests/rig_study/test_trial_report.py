@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import rig_bag
 from mig_interfaces.msg import FilterDecision, TrialState
 from rig_bag.cli import main as bag_command
 from rig_bringup.__main__ import trial_of
+from rig_study.hops import hops
 from rig_study.recorded import TrialError, load
 from rig_study.trial_report import summarize, write_report
 
@@ -34,8 +36,8 @@ def test_the_summary_has_the_measures(tmp_path: Path) -> None:
 
 
 def test_hops_are_the_differences_of_what_was_recorded(tmp_path: Path) -> None:
-    hops = load(write(tmp_path / "bag", 50)).hops
-    us = {name: 1e6 * seconds for name, seconds in hops.items()}
+    found = load(write(tmp_path / "bag", 50)).hops
+    us = {name: 1e6 * seconds for name, seconds in found.items()}
     assert us.pop("state, due to out") == pytest.approx(np.full(50, 30.0))
     expected = {"state to filter": 20, "state to decision, by way of the user": 40, "decision": 10}
     expected |= {"decision to robot": 70, "robot": 50, "robot to task": 100, "loop, state out to motion in": 270}
@@ -43,6 +45,25 @@ def test_hops_are_the_differences_of_what_was_recorded(tmp_path: Path) -> None:
         assert us[name][:-1] == pytest.approx(np.full(49, float(value))), name
     # Nothing tells when the last motion was back.
     assert np.isnan(us["robot to task"][-1])
+
+
+def test_the_user_s_hop_is_how_much_later_the_recorder_got_the_wrench() -> None:
+    ticks, stamp = np.arange(4), 10_000_000 * np.arange(1, 5)
+
+    def table(**columns: Any) -> Any:
+        return np.rec.fromarrays(list(columns.values()), names=",".join(columns)).view(np.ndarray)
+
+    times = {"tick": ticks, "delay": [1e-4] * 4, "compute_time": [1e-5] * 4}
+    state = table(**times, stamp=stamp, log_time=stamp + 120_000, motion_age=[9e-3] * 4, held=[0.0] * 4)
+    decision = table(**times, state_age=[2e-5] * 4)
+    # That of tick 2 is missing, and they have come out of order.
+    stamps = stamp[[3, 0, 1]]
+    wrench = table(stamp=stamps, log_time=stamps + 190_000)
+    name = "user and one way, at the recorder"
+    found = hops(state, decision, table(**times), 0.01, wrench)[name]
+    assert found[[0, 1, 3]] == pytest.approx([7e-5] * 3)
+    assert np.isnan(found[2])
+    assert name not in hops(state, decision, table(**times), 0.01)
 
 
 def test_in_lockstep_there_are_no_hops(tmp_path: Path) -> None:

@@ -49,5 +49,5 @@ class StageTimes:
 def _spread(seconds: deque[float]) -> str:
     ordered = sorted(seconds)
     last = len(ordered) - 1
-    middle, high, most = (1e3 * ordered[round(share * last)] for share in (0.5, 0.9, 1.0))
-    return f"p50 {middle:.3f}, p90 {high:.3f}, most {most:.3f}, of {len(ordered)} ticks"
+    middle, high, higher, most = (1e3 * ordered[round(share * last)] for share in (0.5, 0.9, 0.99, 1.0))
+    return f"p50 {middle:.3f}, p90 {high:.3f}, p99 {higher:.3f}, most {most:.3f}, of {len(ordered)} ticks"

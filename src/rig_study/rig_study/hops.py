@@ -9,7 +9,9 @@ and the motion is back at
 
     m_k = t_s + delay - motion age of the state k+1.
 
-The hops are the differences between what follows each other round the loop.
+The hops are the differences between what follows each other round the loop. A wrench says nothing of the kind, as a
+sensor's does not: of the user there is how much later than the state the recorder got it, which is the user's stage and
+one way.
 """
 
 from __future__ import annotations
@@ -26,13 +28,14 @@ Array = npt.NDArray[Any]
 _TIMED = {"delay", "compute_time"}
 
 
-def hops(state: Any, decision: Any, motion: Any, sample_time: float) -> dict[str, Array]:
+def hops(state: Any, decision: Any, motion: Any, sample_time: float, wrench: Any = None) -> dict[str, Array]:
     """Seconds of each hop, (N,) by state, NaN where a tick has no such message; in the order of the loop.
 
     Parameters
     ----------
     state, decision, motion: tables of ``task/state``, ``mig_filter/decision``, ``admittance/end_effector``.
     sample_time: t_s [s].
+    wrench: table of ``force_sensor/wrench``; without one the user's hop is left out.
 
     Empty if the bag holds no such times: it is from lockstep, or from before there were any, or lacks a topic.
     """
@@ -52,9 +55,14 @@ def hops(state: Any, decision: Any, motion: Any, sample_time: float) -> dict[str
     sent = commanded + moved("compute_time")
     spare = np.where(following("held") == 0.0, following("motion_age"), np.nan)
     back = sample_time + following("delay") - spare
+    user = {}
+    if isinstance(wrench, np.ndarray) and len(wrench):
+        got = _on(wrench, state["stamp"], "stamp")("log_time")
+        user = {"user and one way, at the recorder": 1e-9 * (got - state["log_time"])}
     return {
         "state, due to out": out,
         "state to filter": heard - out,
+        **user,
         "state to decision, by way of the user": decided("delay") - out,
         "decision": decided("compute_time"),
         "decision to robot": commanded - made,
@@ -65,9 +73,9 @@ def hops(state: Any, decision: Any, motion: Any, sample_time: float) -> dict[str
     }
 
 
-def _on(table: Any, ticks: Array) -> Any:
-    """A field of a table at each of these ticks, NaN where there is none."""
-    order = np.argsort(table["tick"], kind="stable")
-    place = np.minimum(np.searchsorted(table["tick"][order], ticks), len(order) - 1)
-    found = table["tick"][order][place] == ticks
+def _on(table: Any, keys: Array, key: str = "tick") -> Any:
+    """A field of a table where its key is one of these, NaN where there is none."""
+    order = np.argsort(table[key], kind="stable")
+    place = np.minimum(np.searchsorted(table[key][order], keys), len(order) - 1)
+    found = table[key][order][place] == keys
     return lambda field: np.where(found, table[field][order][place].astype(float), np.nan)

@@ -116,6 +116,7 @@ def load(bag: str | Path) -> RecordedTrial:
         raise TrialError(f"{bag} holds no tick; the trial was {PHASES[last.phase]}: {last.message}")
     ticks, left, right = np.intersect1d(state["tick"], decision["tick"], return_indices=True)
     state, joined = state[left], decision[right]
+    wrench = next((table for name, table in topics.items() if name.endswith("/force_sensor/wrench")), None)
     motions = [table for name, table in topics.items() if name.endswith("/admittance/end_effector")]
     return RecordedTrial(
         bag=Path(bag),
@@ -135,7 +136,7 @@ def load(bag: str | Path) -> RecordedTrial:
         compute_time=joined["compute_time"],
         state_age=joined["state_age"],
         received=joined["log_time"],
-        hops=hops(state, joined, motions[0], _seconds(last.sample_time)) if len(motions) == 1 else {},
+        hops=hops(state, joined, motions[0], _seconds(last.sample_time), wrench) if len(motions) == 1 else {},
         ticks_recorded=len(left) if len(ticks) else 0,
         decisions_recorded=len(decision),
     )
