@@ -6,7 +6,7 @@ import math
 
 from geometry_msgs.msg import WrenchStamped
 
-from mig_interfaces.msg import TaskState
+from mig_interfaces.msg import TaskState, TrialState
 from rig_runtime.ticks import LOCKSTEP_EPOCH, to_stamp
 from rig_runtime.topics import SENSOR_FRAME, TASK_FRAME
 
@@ -27,4 +27,11 @@ def wrench(tick: int, force: float, frame: str = SENSOR_FRAME) -> WrenchStamped:
     message.header.stamp = to_stamp(LOCKSTEP_EPOCH + tick * SAMPLE)
     message.header.frame_id = frame
     message.wrench.force.x = force
+    return message
+
+
+def trial(phase: int, uid: int = 1) -> TrialState:
+    """A trial of forty ticks."""
+    message = TrialState(phase=phase, uid=uid, epoch=to_stamp(LOCKSTEP_EPOCH), ticks_planned=40)
+    message.sample_time.nanosec = SAMPLE
     return message

@@ -6,9 +6,10 @@ import itertools
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -20,6 +21,14 @@ os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 #: Another one for each graph, and another row of them for each run of the tests on this machine.
 _domains = itertools.cycle(range(1 + 20 * (os.getpid() % 3), 20 + 20 * (os.getpid() % 3)))
+
+
+class Said(NamedTuple):
+    """What a node has said in `/diagnostics`."""
+
+    level: bytes
+    message: str
+    values: dict[str, str]
 
 
 class Graph:
@@ -75,6 +84,18 @@ class Graph:
         messages: list[Any] = []
         self.node.create_subscription(topic.type, topic.name, messages.append, topic.qos)
         return messages
+
+    def diagnostics(self, name: str) -> list[Said]:
+        """A list that fills with what the node of this name says in `/diagnostics`."""
+        said: list[Said] = []
+
+        def take(array: DiagnosticArray) -> None:
+            for status in array.status:
+                if status.name == f"/rig/{name}":
+                    said.append(Said(status.level, status.message, {pair.key: pair.value for pair in status.values}))
+
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
+        return said
 
     def publisher(self, topic: Any) -> Any:
         """A publisher on a topic of the loop."""

@@ -6,21 +6,14 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from loop_messages import SAMPLE, wrench
+from loop_messages import trial, wrench
 from std_srvs.srv import Trigger
 
 from admittance_sim_node.node import AdmittanceSimNode
 from mig_interfaces.msg import EndEffectorState, TrialState
 from rig_runtime import topics
-from rig_runtime.ticks import LOCKSTEP_EPOCH, to_stamp
 from shared_control.parameters import ParameterError
 from shared_control.scenario import LoopConfig
-
-
-def trial(phase: int, uid: int = 1) -> TrialState:
-    message = TrialState(phase=phase, uid=uid, epoch=to_stamp(LOCKSTEP_EPOCH), ticks_planned=40)
-    message.sample_time.nanosec = SAMPLE
-    return message
 
 
 class Bench:
@@ -131,6 +124,41 @@ def test_explicit_recovery_admits_nothing_until_it_is_cleared(graph: Any) -> Non
     bench.commands.publish(wrench(41, 5.0))
     graph.until(lambda: len(bench.out) == 42)
     assert bench.out[-1].force.x == 5.0
+
+
+@pytest.mark.parametrize("recovery", ["automatic", "explicit"])
+def test_a_lost_command_is_in_the_diagnostics_at_once_and_so_is_its_end(graph: Any, recovery: str) -> None:
+    bench = Bench(graph, "pacing:=realtime", f"recovery:={recovery}", "command_timeout:=0.1")
+    said = graph.diagnostics("admittance_sim")
+    bench.trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_RUNNING and bool(said))
+    assert (said[-1].level, said[-1].message) == (DiagnosticStatus.OK, "moving")
+    bench.push(0, 5.0)
+    graph.until(lambda: bench.out[-1].force.x == 0.0)
+    graph.until(lambda: said[-1].values["no force because"] == "no command came in time")
+    if recovery == "automatic":
+        assert said[-1].level == DiagnosticStatus.WARN
+        assert said[-1].message == "no force: no command came in time"
+        graph.until(lambda: said[-1].message.startswith("no force for "))
+    else:
+        assert said[-1].level == DiagnosticStatus.ERROR
+        assert said[-1].message == f"no command came in time: no force until {topics.CLEAR_ROBOT_SERVICE} is called"
+        graph.until(lambda: float(said[-1].values["no force for [s]"]) > 0.2)
+        graph.call(Trigger, topics.CLEAR_ROBOT_SERVICE, Trigger.Request())
+    bench.trials.publish(trial(TrialState.PHASE_FINISHED))
+    graph.until(lambda: said[-1].values["no force because"] == "")
+    assert said[-1].level == DiagnosticStatus.WARN
+    assert said[-1].message.startswith("moving; no force for ")
+
+
+def test_started_in_the_middle_of_a_trial_it_says_at_once_that_it_waits(graph: Any) -> None:
+    graph.make(AdmittanceSimNode, "pacing:=realtime", "recovery:=explicit")
+    trials, said = graph.publisher(topics.TRIAL_STATE), graph.diagnostics("admittance_sim")
+    graph.until(lambda: bool(trials.get_subscription_count() and said))
+    before = len(said)
+    trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: len(said) > before and said[-1].level == DiagnosticStatus.ERROR)
+    assert said[-1].values["no force because"] == "it was started in the middle of a trial"
 
 
 def test_a_command_that_is_not_finite_is_no_force(graph: Any) -> None:

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from loop_messages import state, wrench
+from loop_messages import state, trial, wrench
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from mig_filter_node.node import MigFilterNode
-from mig_interfaces.msg import FilterDecision
+from mig_interfaces.msg import FilterDecision, TrialState
 from rig_runtime import topics
 from shared_control.filter import Mode, Reason, Verdict
 from shared_control.parameters import ParameterError, declarations
@@ -242,3 +242,64 @@ def test_automatic_recovery_goes_on_when_the_input_is_good(graph: Any) -> None:
     bench = Bench(graph, "mode:='off'", "pacing:=lockstep")
     assert bench.decide(0, math.inf).admitted_force.x == 0.0
     assert bench.decide(1, 4.0).admitted_force.x == 4.0
+
+
+@pytest.mark.parametrize("recovery", ["automatic", "explicit"])
+def test_a_loss_is_in_the_diagnostics_at_once_and_so_is_its_end(graph: Any, recovery: str) -> None:
+    bench = Bench(graph, "mode:='off'", "pacing:=realtime", "command_timeout:=5.0", f"recovery:={recovery}")
+    said = graph.diagnostics("mig_filter")
+    bench.decide(0, 4.0)
+    graph.until(lambda: bool(said))
+    assert (said[-1].level, said[-1].message) == (DiagnosticStatus.OK, "judging")
+    assert said[-1].values["no force because"] == ""
+    before = len(said)
+    bench.decide(1, math.nan)
+    graph.until(lambda: len(said) > before)
+    lost = said[before]
+    assert lost.values["no force because"] == "non finite wrench"
+    assert lost.values["ticks"] == "2", "at once, not with the next beat"
+    if recovery == "automatic":
+        assert (lost.level, lost.message) == (DiagnosticStatus.WARN, "no force: non finite wrench")
+    else:
+        assert lost.level == DiagnosticStatus.ERROR
+        assert lost.message == f"non finite wrench: no force until {topics.CLEAR_FILTER_SERVICE} is called"
+    tick = 2
+    while float(said[-1].values["no force for [s]"]) < 0.25:
+        bench.decide(tick, math.nan)
+        tick += 1
+    if recovery == "automatic":
+        assert said[-1].message.startswith("no force for ")
+        bench.decide(tick, 4.0)
+    else:
+        graph.call(Trigger, topics.CLEAR_FILTER_SERVICE, Trigger.Request())
+    graph.until(lambda: said[-1].values["no force because"] == "")
+    assert said[-1].level == DiagnosticStatus.WARN, "what has been lost is counted for as long as the trial"
+    assert said[-1].message.startswith("judging; no force for ")
+    assert said[-1].message.endswith(" ago: non finite wrench")
+    assert said[-1].values["reason non_finite_wrench"] == str(tick - 1)
+
+
+def test_without_states_the_filter_says_so_until_they_are_back_or_the_trial_is_over(graph: Any) -> None:
+    bench = Bench(graph, "mode:='off'", "pacing:=realtime", "command_timeout:=0.05")
+    trials, said = graph.publisher(topics.TRIAL_STATE), graph.diagnostics("mig_filter")
+    graph.until(lambda: trials.get_subscription_count() == 1)
+    trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: bench.node.armed_uid == 1)
+
+    def because() -> str:
+        return said[-1].values["no force because"] if said else ""
+
+    for tick, end in enumerate(("another state", "the end")):
+        bench.decide(tick, 4.0)
+        graph.until(lambda: because() == "no state")
+        assert said[-1].level == DiagnosticStatus.WARN
+        if end == "the end":
+            trials.publish(trial(TrialState.PHASE_ABORTED))
+            graph.until(lambda: because() == "")
+    assert [each.tick for each in bench.out[topics.DECISION]] == [0, 1]
+
+
+def test_what_is_refused_for_its_criterion_is_no_loss(graph: Any) -> None:
+    bench = Bench(graph, "mode:=training", "pacing:=lockstep")
+    assert FilterDecision.VERDICT_REJECTED in {bench.decide(0, 4.0).verdict, bench.decide(1, -4.0).verdict}
+    assert bench.node.diagnose()[:2] == (DiagnosticStatus.OK, "judging")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import enum
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig_runtime.faults import LOOKS, FaultLatch, Lateness, Silence
+from rig_runtime.faults import LOOKS, FaultLatch, Lateness, Loss, Silence, in_words
 
 MILLISECOND = 1_000_000
 
@@ -69,3 +72,40 @@ def test_with_automatic_recovery_nothing_is_kept(faults: list[str | None]) -> No
     latch: FaultLatch[str] = FaultLatch(explicit=False)
     assert [latch.hold(fault) for fault in faults] == faults
     assert latch.clear() is None
+
+
+def test_a_loss_is_said_in_words_while_it_lasts_and_once_it_is_over() -> None:
+    loss, begin = Loss(), 10**12
+    assert not loss.tell(None, begin)
+    assert loss.words(begin) == ""
+    assert loss.tell("no motion", begin)
+    assert loss.words(begin) == "no force: no motion"
+    assert loss.words(begin + 300 * MILLISECOND, "coasting") == "coasting for 0.30 s: no motion"
+    assert loss.lasting(begin + 300 * MILLISECOND) == pytest.approx(0.3)
+    # What is lost may change: there has been no force all the while.
+    assert loss.tell("no state", begin + 300 * MILLISECOND)
+    assert loss.words(begin + 400 * MILLISECOND) == "no force for 0.40 s: no state"
+    end = begin + 500 * MILLISECOND
+    assert loss.tell(None, end)
+    assert loss.lasting(end) == 0.0
+    assert loss.words(end + 1500 * MILLISECOND) == "no force for 0.50 s until 1.5 s ago: no state"
+    assert loss.words(end + 1500 * MILLISECOND, remember=1.0) == ""
+    loss.reset()
+    assert loss.words(end) == ""
+
+
+@given(st.lists(st.sampled_from([None, "a", "b"]), min_size=100, max_size=300))
+def test_what_comes_and_goes_is_said_five_times_a_second_and_never_for_long_otherwise(lost: list[str | None]) -> None:
+    loss, said = Loss(), [(-1000, None)]
+    for k, what in enumerate(lost):
+        if loss.tell(what, 10 * k * MILLISECOND):
+            said.append((k, what))
+        # A tick is 10 ms: what is said lags behind what is so by no more than the pause.
+        assert what == said[-1][1] or k - said[-1][0] < 20
+    assert all(later[0] - sooner[0] >= 20 for sooner, later in itertools.pairwise(said))
+    assert all(later[1] != sooner[1] for sooner, later in itertools.pairwise(said))
+
+
+def test_a_sentence_is_read_as_it_is_and_a_member_by_its_name() -> None:
+    assert in_words(enum.Enum("Fault", "STALE_WRENCH").STALE_WRENCH) == "stale wrench"
+    assert in_words("no answer of task_sim") == "no answer of task_sim"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
@@ -110,6 +111,28 @@ def test_in_real_time_silence_is_held_then_zeroed_and_counted(graph: Any) -> Non
     assert all(s.held for s in states[1:])
     assert [s.missed_deadlines for s in states] == list(range(15))
     assert bench.trials[-1].missed_deadlines == 15
+
+
+def test_a_robot_that_does_not_answer_is_in_the_diagnostics_until_it_does(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "duration:=60.0", "required_nodes:=['']")
+    said = graph.diagnostics("task_sim")
+    assert bench.start().success
+    graph.until(lambda: len(bench.states) > 10)
+    graph.until(lambda: bool(said) and said[-1].message == "pacing")
+    assert said[-1].values["no force because"] == ""
+    bench.answers = False
+    graph.until(lambda: said[-1].values["no force because"] == "no motion")
+    assert said[-1].level == DiagnosticStatus.WARN
+    assert said[-1].message.startswith("coasting under no force")
+    graph.until(lambda: said[-1].message.startswith("coasting under no force for "))
+    coasting = bench.states[-1]
+    assert coasting.held
+    assert list(coasting.control) == [0.0]
+    bench.answers = True
+    graph.until(lambda: said[-1].values["no force because"] == "")
+    assert said[-1].level == DiagnosticStatus.WARN
+    assert said[-1].message.startswith("pacing; coasting under no force for ")
+    assert said[-1].message.endswith(" ago: no motion")
 
 
 def test_in_real_time_each_state_says_when_it_was_made(graph: Any) -> None:

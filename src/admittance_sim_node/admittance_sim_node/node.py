@@ -22,6 +22,8 @@ from shared_control.scenario import AdmittanceConfig, LoopConfig, Scenario
 #: [ticks] That a command may be ahead by, besides the time that has passed.
 _LEAD = 100
 
+_NO_COMMAND = "no command came in time"
+
 CONFIGURATIONS = (LoopConfig, AdmittanceConfig)
 
 
@@ -69,43 +71,43 @@ class AdmittanceSimNode(RigNode):
             self._latch.hold("it was started in the middle of a trial")
 
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
-        level, message = DiagnosticStatus.OK, "moving"
-        if self._dropped or self._gaps:
-            level = DiagnosticStatus.WARN
-        if self._latch.kept is not None:
-            level = DiagnosticStatus.ERROR
-            message = f"{self._latch.kept}: no force until {topics.CLEAR_ROBOT_SERVICE} is called"
-        values = {
+        level = DiagnosticStatus.WARN if self._dropped or self._gaps else DiagnosticStatus.OK
+        values: dict[str, object] = {
             "ticks": self.ticks_done,
             "dropped": self._dropped,
             "ticks without command": self._gaps,
             "times without command": self._losses,
         }
-        return level, message, values
+        return self.with_loss(level, "moving", values, kept=self._latch.kept, service=topics.CLEAR_ROBOT_SERVICE)
 
     def _watchdog(self) -> None:
         self._notice_sleep(time.monotonic_ns())
+        lost, kept = self._stand_in(), self._latch.kept
+        # Said when it is done: words can wait.
+        self.note_loss(kept if kept is not None else lost)
+
+    def _stand_in(self) -> str | None:
+        """Go on under no force while no command comes; returns what is lost."""
         # Before its first command of a trial the robot stands, and after its last tick it has nothing to follow.
         if self.trial.phase != TrialState.PHASE_RUNNING or not self.ticks_done:
-            return
+            return None
         was_silent = self._silence.silent
         if not self._silence.look():
-            return
+            return None
         if not was_silent:
             self._lost_at = self.ticks_done
-            self._latch.hold("no command came in time")
+            self._latch.hold(_NO_COMMAND)
         # One less than have been due: the task takes no motion for a tick that it has not published yet.
         passed = self._lost_at + int(self._silence.lasting / self._sample_time) - 1
         while self.ticks_done < min(passed, self.trial.ticks_planned):
             self._move(self.ticks_done, self._zero)
             self._gaps += 1
         if not was_silent:
-            # Said when it is done: words can wait.
             self._losses += 1
             self.get_logger().error(
                 f"no command for {self._silence.lasting:.3g} s: no force", throttle_duration_sec=1.0
             )
-            self.publish_diagnostics()
+        return _NO_COMMAND
 
     def _notice_sleep(self, now: int) -> None:
         """What waited while this node stood still is nothing to go on with where a person is at the robot."""

@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from mig_interfaces.msg import TrialState
 from rig_runtime import topics
-from rig_runtime.faults import FaultLatch, Lateness, Silence, in_words
+from rig_runtime.faults import FaultLatch, Lateness, Silence
 from rig_runtime.node import RigNode
 from rig_runtime.stages import delay_of
 from rig_runtime.ticks import Matched, TickMatcher, to_nanoseconds
@@ -21,6 +21,8 @@ from shared_control.scenario import FilterConfig, LoopConfig, Scenario
 
 #: Reasons that tell of something wrong, not of the user's action.
 _FAULTS = INPUT_FAULTS | {Reason.NOT_CONVERGED, Reason.NON_FINITE_CRITERION}
+
+_NO_STATE = "no state"
 
 CONFIGURATIONS = (LoopConfig, FilterConfig)
 
@@ -46,7 +48,7 @@ class MigFilterNode(RigNode):
         self._lateness = Lateness()
         self._newest_state = -1
         self._ahead = 0
-        self._wrench_silence = Silence(loop.command_timeout)
+        self._wrench_silence, self._state_silence = Silence(loop.command_timeout), Silence(loop.command_timeout)
         self._latch: FaultLatch[Reason] = FaultLatch(loop.recovery == "explicit")
         self._verdicts = dict.fromkeys(Verdict, 0)
         self._reasons = dict.fromkeys(Reason, 0)
@@ -78,6 +80,7 @@ class MigFilterNode(RigNode):
         self._lateness.reset()
         self._newest_state, self._ahead = -1, 0
         self._wrench_silence.heard()
+        self._state_silence.heard()
         self._latch.clear()
         self._verdicts = dict.fromkeys(Verdict, 0)
         self._reasons = dict.fromkeys(Reason, 0)
@@ -86,20 +89,21 @@ class MigFilterNode(RigNode):
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
         matcher = self._matcher
         faults = {reason: n for reason, n in self._reasons.items() if reason in _FAULTS and n}
-        kept = self._latch.kept
-        level, message = DiagnosticStatus.OK, "judging"
+        level = DiagnosticStatus.OK
         if faults or matcher.late or matcher.overflows or matcher.duplicates or self._ahead:
             level = DiagnosticStatus.WARN
-        if kept is not None:
-            level = DiagnosticStatus.ERROR
-            message = f"{in_words(kept)}: no force until {topics.CLEAR_FILTER_SERVICE} is called"
         values: dict[str, object] = {"mode": self._agent.mode.name.lower(), "ticks": self.ticks_done}
         values |= {verdict.name.lower(): n for verdict, n in self._verdicts.items()}
         values |= {f"reason {reason.name.lower()}": n for reason, n in faults.items()}
         values |= {"late": matcher.late, "duplicates": matcher.duplicates, "overflows": matcher.overflows}
         values["ahead of time"] = self._ahead
         values["slowest decision [ms]"] = round(1e3 * self._slowest, 3)
-        return level, message, values
+        return self.with_loss(level, "judging", values, kept=self._latch.kept, service=topics.CLEAR_FILTER_SERVICE)
+
+    def follow_trial(self, trial: TrialState) -> None:
+        super().follow_trial(trial)
+        if trial.phase != TrialState.PHASE_RUNNING:
+            self._note_loss(None)
 
     def _reconfigure(self) -> None:
         config = self.parameters.get(FilterConfig)
@@ -108,6 +112,7 @@ class MigFilterNode(RigNode):
     def _on_state(self, data: bytes) -> None:
         now, stamp = time.monotonic_ns(), stamp_of(data)
         self._state.check(data)
+        self._state_silence.heard()
         self._newest_state = max(self._newest_state, stamp)
         for tick in self._matcher.put_left(stamp, data, now):
             self._decide(tick)
@@ -131,6 +136,9 @@ class MigFilterNode(RigNode):
             return  # before the first tick nobody is asked to push
         now = time.monotonic_ns()
         self._give_up(now if self._wrench_silence.look() else now - self._timeout)
+        if self._state_silence.look() and self.ticks_done and self.trial.phase == TrialState.PHASE_RUNNING:
+            # Without a state there is no decision, and no command.
+            self._note_loss(_NO_STATE)
 
     def _give_up(self, received_before: int) -> None:
         for tick in self._matcher.expire(received_before):
@@ -157,9 +165,16 @@ class MigFilterNode(RigNode):
         self._verdicts[outcome.decision.verdict] += 1
         self._reasons[outcome.decision.reason] += 1
         self.ticks_done += 1
+        lost = outcome.decision.verdict is Verdict.REJECTED and outcome.decision.reason is not Reason.CRITERION
+        self._note_loss(outcome.decision.reason if lost else None)
         if self._latch.kept is not kept:
             self.get_logger().error(self.diagnose()[1])
-            self.publish_diagnostics()
+
+    def _note_loss(self, what: Reason | str | None) -> None:
+        kept = self._latch.kept
+        if kept is None and self.trial.phase >= TrialState.PHASE_FINISHED:
+            what = None  # there is nothing to lose any more
+        self.note_loss(what if kept is None else kept)
 
     def _fault(self, tick: Matched[bytes, bytes]) -> Reason | None:
         """What is wrong with a tick's state or wrench before one looks at their numbers; loads the wrench."""

@@ -8,8 +8,10 @@ from typing import Any
 
 from mig_interfaces.msg import FilterDecision, RecorderState, SessionState, StudyChoices, TaskState, TrialState
 from rig_display.hand import Sample
+from rig_display.losses import REASONS
 from rig_display.protocol import finite_or_none
 from rig_runtime.wire import MalformedError
+from shared_control.filter import Mode, Reason, Verdict
 
 __all__ = ["Feed"]
 
@@ -17,7 +19,6 @@ __all__ = ["Feed"]
 _DEPTH = 500
 
 _PHASES = ("idle", "arming", "running", "finished", "aborted")
-_MODES = ("off", "training", "assistance")
 
 
 def _rounded(values: Any) -> list[float | None]:
@@ -32,8 +33,13 @@ class Feed:
         self.wake: Callable[[], None] = lambda: None
         self.trial: dict[str, Any] = {"phase": "idle", "message": "no trial/state has come yet"}
         self.recorder: dict[str, Any] | None = None
-        #: What a node has stopped for, by its name.
+        #: What a node admits no force for until it is released, by its name; and what else has failed.
         self.faults: dict[str, str] = {}
+        self.troubles: dict[str, str] = {}
+        #: Why there is no force at this moment, a sentence; empty while there may be some.
+        self.loss = ""
+        #: The newest verdict with its reason, in words.
+        self.decision: str | None = None
         #: How far the session is; None where none is led.
         self.session: dict[str, Any] | None = None
         #: Whose session may be chosen; None where there is no choice.
@@ -63,16 +69,19 @@ class Feed:
         )
         self.wake()
 
-    def put_decision(self, decision: FilterDecision) -> None:
+    def put_decision(self, decision: FilterDecision) -> tuple[Verdict, Reason]:
         """What the filter made of a tick.
 
         Raises
         ------
-        MalformedError: a mode that no filter has.
+        MalformedError: a mode, a verdict or a reason that no filter has.
         """
-        if decision.mode >= len(_MODES):
-            raise MalformedError(f"there is no mode {decision.mode}")
-        self.mode = _MODES[decision.mode]
+        try:
+            mode, verdict, reason = Mode(decision.mode), Verdict(decision.verdict), Reason(decision.reason)
+        except ValueError as error:
+            raise MalformedError(str(error)) from None
+        self.mode = mode.name.lower()
+        self.decision = f"{verdict.name.lower()}: {REASONS[reason]}"
         added = decision.admitted_force
         self._decisions.append(
             [
@@ -86,6 +95,7 @@ class Feed:
                 finite_or_none(round(1e3 * decision.wrench_age, 3)),
             ]
         )
+        return verdict, reason
 
     def put_trial(self, trial: TrialState) -> None:
         """Which trial, and how it stands."""
@@ -93,6 +103,7 @@ class Feed:
         if trial.phase == TrialState.PHASE_ARMING:
             self._states.clear()
             self._decisions.clear()
+            self.decision = None
         self.trial = {
             "phase": _PHASES[trial.phase],
             "message": trial.message,
@@ -108,13 +119,13 @@ class Feed:
             "outcome": trial.outcome,
         }
 
-    def put_fault(self, node: str, message: str | None) -> bool:
-        """What a node has stopped for, None if for nothing; whether that is news."""
-        if self.faults.get(node) == message:
-            return False
-        others = {name: said for name, said in self.faults.items() if name != node}
-        self.faults = others if message is None else {**others, node: message}
-        return True
+    def put_error(self, node: str, message: str | None, because: str) -> bool:
+        """What a node cannot go on for, None if it can, and what it admits no force for; whether that is news."""
+        fault = because if message is not None and because else None
+        trouble = message if not because else None
+        was = self.faults, self.troubles
+        self.faults, self.troubles = _with(self.faults, node, fault), _with(self.troubles, node, trouble)
+        return was != (self.faults, self.troubles)
 
     def put_session(self, state: SessionState) -> None:
         """How far the session is."""
@@ -167,6 +178,11 @@ class Feed:
     def take(self) -> tuple[list[list[Any]], list[list[Any]]]:
         """States and decisions that came since the last call."""
         return _drain(self._states), _drain(self._decisions)
+
+
+def _with(said: dict[str, str], node: str, words: str | None) -> dict[str, str]:
+    others = {name: other for name, other in said.items() if name != node}
+    return others if words is None else {**others, node: words}
 
 
 def _drain(queue: deque[list[Any]]) -> list[list[Any]]:

@@ -19,23 +19,24 @@ from mig_interfaces.msg import (
     TaskState,
     TrialState,
 )
-from rig_display.desk import GraphDesk
+from rig_display.desk import FILTER, GraphDesk
 from rig_display.feed import Feed
 from rig_display.gate import Gate
 from rig_display.hand import STALLED, Hand
 from rig_display.latency import Window
+from rig_display.losses import Losses
 from rig_display.parameters import DisplayConfig
 from rig_display.seat import Seat
 from rig_display.server import PageServer, ServerError
 from rig_runtime import topics
-from rig_runtime.node import RigNode
+from rig_runtime.node import NO_FORCE, RigNode
 from rig_runtime.ticks import to_nanoseconds
 from shared_control.parameters import ParameterError
 from shared_control.scenario import LoopConfig
 
 CONFIGURATIONS = (LoopConfig, DisplayConfig)
 
-#: [s] How often it is looked whether the hand has become silent, so that diagnostics say so when it happens.
+#: [s] How often it is looked whether the hand or a node has become silent, so that it is said when it happens.
 _WATCH_PERIOD = 0.1
 
 
@@ -64,6 +65,7 @@ class DisplayNode(RigNode):
         self.feed.wake = self.server.wake
         self.parameters.on_change(self._reconfigure)
         self._reason = ""
+        self._losses = Losses(loop.command_timeout)
         self._zeroed_ticks = 0
         self._wrench = WrenchStamped()
         self._wrench.header.frame_id = topics.SENSOR_FRAME
@@ -78,6 +80,7 @@ class DisplayNode(RigNode):
             self.create_subscription(topic.type, topic.name, take, topic.qos)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self.create_timer(_WATCH_PERIOD, self._watch, clock=self.steady)
+        self.create_timer(self._losses.period, lambda: self._losses.look(self._running), clock=self.steady)
 
     # -- life ----------------------------------------------------------------------------------------------------
 
@@ -103,6 +106,7 @@ class DisplayNode(RigNode):
     def arm(self, trial: TrialState) -> None:
         self.latency.clear()
         self.seat.arrival.clear()
+        self._losses.reset()
         self._zeroed_ticks = 0
 
     def follow_trial(self, trial: TrialState) -> None:
@@ -157,6 +161,7 @@ class DisplayNode(RigNode):
         self._publisher.publish(wrench)
         published = time.monotonic_ns()
         self.ticks_done += 1
+        self._losses.states.heard()
         self._zeroed_ticks += bool(sample.reason)
         latency = None
         for event in sample.events:
@@ -165,7 +170,8 @@ class DisplayNode(RigNode):
         self.feed.put_state(state, sample, received, latency)
 
     def _on_decision(self, decision: FilterDecision) -> None:
-        self.feed.put_decision(decision)
+        self._losses.decided(*self.feed.put_decision(decision))
+        self._tell_loss()
 
     def _on_recorder(self, state: RecorderState) -> None:
         self.feed.put_recorder(state)
@@ -181,13 +187,27 @@ class DisplayNode(RigNode):
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         home = self.get_namespace().rstrip("/") + "/"
         for status in array.status:
+            if not status.name.startswith(home):
+                continue
+            node = status.name.removeprefix(home)
+            because = next((pair.value for pair in status.values if pair.key == NO_FORCE), "")
             failed = status.level == DiagnosticStatus.ERROR
-            if status.name.startswith(home) and self.feed.put_fault(
-                status.name.removeprefix(home), status.message if failed else None
-            ):
+            if self.feed.put_error(node, status.message if failed else None, because):
                 self.server.call(self.seat.on_change)
+            # What waits for somebody is shown by itself, and of the filter the decisions say more.
+            self._losses.hear(node, "" if failed or node == FILTER else because, time.monotonic_ns())
+
+    @property
+    def _running(self) -> bool:
+        return self.trial.phase == TrialState.PHASE_RUNNING and self.ticks_done > 0
+
+    def _tell_loss(self) -> None:
+        self.feed.loss, news = self._losses.tell(time.monotonic_ns(), self._running)
+        if news:
+            self.server.call(self.seat.on_change)
 
     def _watch(self) -> None:
+        self._tell_loss()
         reason = self.hand.reason(time.monotonic_ns())
         if reason != self._reason:
             self._reason = reason

@@ -8,12 +8,18 @@ from __future__ import annotations
 import math
 from typing import Generic, TypeVar
 
-__all__ = ["LOOKS", "FaultLatch", "Lateness", "Silence", "in_words"]
+__all__ = ["LOOKS", "FaultLatch", "Lateness", "Loss", "Silence", "in_words"]
 
 T = TypeVar("T")
 
 #: How often a watchdog looks within the time that it allows.
 LOOKS = 10
+
+#: [s] Between two changes of a loss that are said at once: people cannot read faster, and to say it takes time.
+_PAUSE = 0.2
+
+#: [s] A shorter one than this has just begun.
+_WORTH_SAYING = 0.1
 
 
 class Silence:
@@ -76,8 +82,8 @@ class Lateness:
 
 
 def in_words(fault: object) -> str:
-    """A fault for a person to read; the name of one that is a member of an enumeration."""
-    return str(getattr(fault, "name", fault)).lower().replace("_", " ")
+    """A fault for a person to read: a sentence as it is, a member of an enumeration by its name."""
+    return fault if isinstance(fault, str) else str(getattr(fault, "name", fault)).lower().replace("_", " ")
 
 
 class FaultLatch(Generic[T]):
@@ -105,3 +111,52 @@ class FaultLatch(Generic[T]):
         """Forget the fault and return it."""
         fault, self.kept = self.kept, None
         return fault
+
+
+class Loss:
+    """What keeps every force away at this moment, since when, and whether that is still to be said.
+
+    A change is to be said at once; but what comes and goes with every tick only five times a second, as it then is.
+    """
+
+    def __init__(self) -> None:
+        self._pause = round(1e9 * _PAUSE)
+        self._said: object | None = None
+        self._said_at = -self._pause
+        self.reset()
+
+    def reset(self) -> None:
+        """A new trial: nothing is lost, nor has been."""
+        #: What is lost; None if nothing is.
+        self.what: object | None = None
+        self._since = self._until = 0
+        self._last: object | None = None
+
+    def tell(self, what: object | None, now: int) -> bool:
+        """What is lost now [ns], None if nothing is; whether it is time to say so. Cheap: called at every tick."""
+        if what != self.what:
+            if self.what is None:
+                self._since = now
+            elif what is None:
+                self._last, self._until = self.what, now
+            self.what = what
+        if what == self._said or now - self._said_at < self._pause:
+            return False
+        self._said, self._said_at = what, now
+        return True
+
+    def lasting(self, now: int) -> float:
+        """For how long there has been no force [s]; 0 if nothing is lost."""
+        return 0.0 if self.what is None else 1e-9 * (now - self._since)
+
+    def words(self, now: int, consequence: str = "no force", remember: float = math.inf) -> str:
+        """The loss that lasts, or one that ended in the last `remember` [s]; empty if there is none."""
+        if self.what is not None:
+            lasting = self.lasting(now)
+            so_far = f" for {lasting:.2f} s" if lasting >= _WORTH_SAYING else ""
+            return f"{consequence}{so_far}: {in_words(self.what)}"
+        ago = 1e-9 * (now - self._until)
+        if self._last is None or ago > remember:
+            return ""
+        lasted = 1e-9 * (self._until - self._since)
+        return f"{consequence} for {lasted:.2f} s until {ago:.1f} s ago: {in_words(self._last)}"

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from mig_interfaces.msg import NodeReport, TrialState
 from rig_runtime import topics
 from rig_runtime.diagnostics import Diagnostics
-from rig_runtime.faults import FaultLatch, in_words
+from rig_runtime.faults import FaultLatch, Loss, in_words
 from rig_runtime.parameters import NodeParameters, refuse_unknown_types
 from rig_runtime.realtime import collect_garbage
 from rig_runtime.stages import StageTimes
@@ -33,6 +33,9 @@ _MATCHING_PERIOD = 0.05
 #: [s] One of four beats is for diagnostics. The two beside it repeat the report, so that the pacemaker can tell a
 #: silent node from a finished one, and no tick meets both.
 _BEAT = 0.25
+
+#: The value in `/diagnostics` that names what keeps every force away; empty while nothing does.
+NO_FORCE = "no force because"
 
 #: [ns] A day, the longest trial.
 _LONGEST = 86_400 * NANOSECONDS
@@ -62,6 +65,8 @@ class RigNode(Node):
         self.exit_code = 0
         #: When this node's part of each tick began and what it took, where wall time paces the trial.
         self.stage = StageTimes()
+        #: What keeps every force away at this moment, as far as this node knows.
+        self.loss = Loss()
         #: Messages that were malformed and not taken.
         self.refused = 0
         #: How the process is scheduled, for diagnostics; set by `rig_runtime.run`.
@@ -148,12 +153,13 @@ class RigNode(Node):
         self._subscriptions_of_loop[subscription.topic_name] = subscription
 
     def serve_clearing(self, service: str, latch: FaultLatch[Any]) -> None:
-        """Serve the clearing of a fault that is kept."""
+        """Serve the clearing of a fault that is kept; if its cause lasts, the next tick says so again."""
 
         def clear(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             kept = latch.clear()
             response.success, response.message = True, f"cleared: {in_words(kept)}" if kept is not None else "no fault"
-            self.publish_diagnostics()
+            if not self.note_loss(None):
+                self.publish_diagnostics()
             return response
 
         self.create_service(Trigger, service, clear)
@@ -197,6 +203,7 @@ class RigNode(Node):
         self.clock = None
         self.ticks_done = 0
         self.stage.reset()
+        self.loss.reset()
         collect_garbage()
         self.arm(trial)
         self.armed_uid = trial.uid
@@ -247,6 +254,39 @@ class RigNode(Node):
         self._last_report = said
         report.stamp.sec, report.stamp.nanosec = divmod(time.time_ns(), NANOSECONDS)
         self._report_publisher.publish(report)
+
+    def note_loss(self, what: object | None) -> bool:
+        """Take note of what keeps every force away now, None if nothing does; returns whether that was said at once."""
+        news = self.loss.tell(what, time.monotonic_ns())
+        if news:
+            self.publish_diagnostics()
+        return news
+
+    def with_loss(
+        self,
+        level: bytes,
+        message: str,
+        values: dict[str, object],
+        *,
+        consequence: str = "no force",
+        kept: object | None = None,
+        service: str = "",
+    ) -> tuple[bytes, str, dict[str, object]]:
+        """What :meth:`diagnose` says, together with the loss that lasts or the last one, or with a fault that is kept.
+
+        A loss that lasts is WARN, it goes by without anybody; a kept fault is ERROR, it waits for the service.
+        """
+        now = time.monotonic_ns()
+        words, what = self.loss.words(now, consequence), self.loss.what if kept is None else kept
+        if kept is not None:
+            level, message = DiagnosticStatus.ERROR, f"{in_words(kept)}: no force until {service} is called"
+        elif what is not None:
+            level, message = DiagnosticStatus.WARN, words
+        elif words:
+            message = f"{message}; {words}"
+        values[NO_FORCE] = "" if what is None else in_words(what)
+        values["no force for [s]"] = round(self.loss.lasting(now), 3)
+        return level, message, values
 
     def publish_diagnostics(self) -> None:
         """Publish what :meth:`diagnose` says; this happens once a second by itself."""

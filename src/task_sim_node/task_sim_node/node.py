@@ -126,7 +126,7 @@ class TaskSimNode(RigNode):
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
         pacemaker, trial = self._pacemaker, self.trial
         level = DiagnosticStatus.WARN if pacemaker.missed else DiagnosticStatus.OK
-        values = {
+        values: dict[str, object] = {
             "phase": trial.phase,
             "uid": trial.uid,
             "trial time [s]": round(pacemaker.tick * self._loop.sample_time, 3),
@@ -137,7 +137,7 @@ class TaskSimNode(RigNode):
             "outcome": self._agent.outcome,
             "wall time [s]": round((self._ended or time.monotonic()) - self._started, 4),
         }
-        return level, trial.message or "pacing", values
+        return self.with_loss(level, trial.message or "pacing", values, consequence="coasting under no force")
 
     @property
     def _in_trial(self) -> bool:
@@ -193,7 +193,8 @@ class TaskSimNode(RigNode):
         self.trial.ticks_published = self.ticks_done
         self.trial.outcome = self._agent.outcome
         # Before the recorder closes: the last word on how the trial went belongs into the bag.
-        self.publish_diagnostics()
+        if not self.note_loss(None):
+            self.publish_diagnostics()
         self._publish_trial(phase, message)
 
     def _publish_trial(self, phase: int, message: str) -> None:
@@ -245,6 +246,7 @@ class TaskSimNode(RigNode):
                 self._end(TrialState.PHASE_FINISHED, "ran to its end")
             else:
                 self._publish_state(advance, begin)
+                self.note_loss("no motion" if advance is Advance.COAST else None)
 
     def _publish_state(self, advance: Advance, begin: int) -> None:
         assert self.clock is not None

@@ -78,7 +78,7 @@ function next() {
     return { title: "Stopped", text, act: mine && ["Release", () => link.say("release")] };
   }
   if (status.faults.length) {
-    const text = `${status.faults.join("; ")}.`;
+    const text = `${status.faults.join("; ")}. Nothing is pushed until it is released.`;
     return { title: "No force", text, act: driving && task.driver_starts && ["Release", () => link.say("release")] };
   }
   if (!driving && driver === null) {
@@ -153,11 +153,12 @@ function frame(now) {
 
 function say(row) {
   const running = status?.trial.phase === "running";
-  const why = running && hand.driving ? status.hand.reason : "";
+  const idle = running && hand.driving && status.hand.reason;
+  const why = idle ? `no force: ${idle}` : running ? status.loss : "";
   const show = Boolean(running && status.feedback && verdict !== null);
   const name = show ? VERDICTS[verdict] : "";
   let text = "";
-  if (why) text = `no force: ${why}`;
+  if (why) text = why;
   else if (show) text = `${SIGNS[verdict]} ${name}`;
   else if (row.inside) text = held.time >= task.dwell ? "✓ held" : `✓ in the region ${held.time.toFixed(1)} s`;
   $("how").textContent = text;

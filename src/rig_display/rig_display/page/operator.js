@@ -84,9 +84,11 @@ function phase() {
   const silent = "the rig does not answer";
   if (link.stopping && !link.open) return [`stop NOT delivered: ${silent}; it is sent as soon as the link is back`, true];
   if (status === null) return choosing.beginning ? [choosing.beginning, false] : [silent, true];
-  const { trial, countdown, hand, faults } = status;
+  const { trial, countdown, hand, faults, loss, troubles } = status;
   if (hand.stopped) return [`stopped by ${hand.stopped}`, true];
-  if (faults.length) return [`no force: ${faults.join("; ")}`, true];
+  if (faults.length) return [`${loss || "no force"}; until Release: ${faults.join("; ")}`, true];
+  if (loss) return [loss, true];
+  if (troubles.length) return [troubles.join("; "), true];
   if (waiting()) return ["waiting for a choice", false];
   if (countdown !== null) return [`starts in ${Math.ceil(countdown)} s`, false];
   if (trial.phase === "arming") return [trial.message || "getting ready", false];
@@ -138,6 +140,7 @@ function show() {
   $("feedback").setAttribute("aria-pressed", String(status.feedback));
   const missed = Math.max(trial.missed ?? 0, trial.phase === "running" ? (playback?.newest?.missed ?? 0) : 0);
   table($("link"), [
+    ["decision", status.decision ?? "–", Boolean(status.loss)],
     ["driver", driver ?? "nobody", driver === null],
     ["hand", hand.reason || `${hand.rate.toFixed(0)} messages/s`, Boolean(hand.reason)],
     ["pointer to wrench", ms(latency.hand)],
