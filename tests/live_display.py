@@ -42,6 +42,7 @@ class LiveRig:
         self.decisions: list[Any] = self._graph.collect(topics.DECISION)
         nodes = [self._graph.make(factory, params_file=file) for factory in graph_of(record=False, person=True)]
         self.display: Any = nodes[0]
+        self.filter: Any = next(node for node in nodes if node.get_name() == "mig_filter")
         # What is loaded by now need not be looked through again each time that a node is armed.
         gc.freeze()
         self._end = threading.Event()

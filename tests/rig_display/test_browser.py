@@ -14,6 +14,7 @@ import pytest
 from browser import NO_BROWSER, browser_path, chromium
 from cable import Cable
 from live_display import LiveRig
+from rclpy.parameter import Parameter
 from tab import Tab
 
 from mig_interfaces.msg import FilterDecision, TrialState
@@ -234,6 +235,25 @@ def test_the_operator_sets_the_filter_and_the_verdicts_are_shown_and_felt(screen
     screen.operator.get_by_role("button", name="Driver sees verdicts").click()
     screen.operator.get_by_role("button", name="Off", exact=True).click()
     screen.until(lambda: screen.rig.display.feed.mode == "off")
+
+
+def test_why_there_is_no_force_is_on_both_pages(screen: Screen) -> None:
+    screen.go()
+    why, decision = "no force for ", screen.operator.locator("#decision")
+    place = screen.driver.locator("#view").bounding_box()
+    both = [page.locator("#how") for page in (screen.driver, screen.operator)]
+    screen.rig.filter.set_parameters([Parameter("max_force", value=1.0)])
+    screen.drag(0.7)
+    for how in both:
+        screen.until(lambda how=how: why in how.inner_text() and "beyond max_force" in how.inner_text())
+        assert "warn" in how.get_attribute("class")
+    assert screen.driver.locator("#view").bounding_box() == place, "words must not move what the hand pushes at"
+    assert decision.inner_text() == "rejected: the wrench is beyond max_force"
+    screen.rig.filter.set_parameters([Parameter("max_force", value=1e4)])
+    for how in both:
+        screen.until(lambda how=how: "no force" not in how.inner_text())
+    screen.until(lambda: decision.inner_text() == "accepted: the filter is off")
+    screen.driver.mouse.up()
 
 
 def test_the_emergency_stop_holds(screen: Screen) -> None:

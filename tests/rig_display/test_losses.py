@@ -27,7 +27,7 @@ def test_the_nearest_to_the_cause_is_said() -> None:
     losses.hear("admittance_sim", "no command came in time", now)
     assert losses.tell(now, running=True) == ("no force: no command came in time (admittance_sim)", True)
     losses.decided(Verdict.REJECTED, Reason.STALE_WRENCH)
-    assert losses.tell(now + SECOND, running=True) == ("no force for 1.00 s: no wrench came in time", True)
+    assert losses.tell(now + SECOND, running=True) == ("no force for 1.0 s: no wrench came in time", True)
     silence(losses, 0.2)
     losses.states.heard()
     assert losses.tell(now + SECOND, running=True)[0].endswith(": no wrench came in time")
@@ -36,7 +36,7 @@ def test_the_nearest_to_the_cause_is_said() -> None:
     silence(losses, 0.2)
     assert losses.tell(now + SECOND, running=True)[0].endswith(": the task does not answer")
     # Where no trial runs nobody has to answer.
-    assert losses.tell(now + 2 * SECOND, running=False)[0].startswith("no force for 2.00 s until 0.0 s ago: ")
+    assert losses.tell(now + 2 * SECOND, running=False)[0].startswith("no force for 2.0 s until 0.0 s ago: ")
     losses.look(running=False)
     assert not losses.states.silent
     assert not losses.decisions.silent
@@ -56,7 +56,7 @@ def test_who_says_that_something_is_lost_and_is_never_heard_again_is_not_believe
     losses = Losses(0.05)
     losses.hear("task_sim", "no motion", SECOND)
     assert losses.tell(3 * SECOND, running=True)[0] == "no force: no motion (task_sim)"
-    assert losses.tell(5 * SECOND, running=True)[0] == "no force for 2.00 s until 0.0 s ago: no motion (task_sim)"
+    assert losses.tell(5 * SECOND, running=True)[0] == "no force for 2.0 s until 0.0 s ago: no motion (task_sim)"
     assert losses.tell(7 * SECOND, running=True)[0] == ""
 
 

@@ -153,10 +153,14 @@ class Loss:
         """The loss that lasts, or one that ended in the last `remember` [s]; empty if there is none."""
         if self.what is not None:
             lasting = self.lasting(now)
-            so_far = f" for {lasting:.2f} s" if lasting >= _WORTH_SAYING else ""
+            so_far = f" for {_seconds(lasting)}" if lasting >= _WORTH_SAYING else ""
             return f"{consequence}{so_far}: {in_words(self.what)}"
         ago = 1e-9 * (now - self._until)
         if self._last is None or ago > remember:
             return ""
         lasted = 1e-9 * (self._until - self._since)
-        return f"{consequence} for {lasted:.2f} s until {ago:.1f} s ago: {in_words(self._last)}"
+        return f"{consequence} for {_seconds(lasted)} until {ago:.1f} s ago: {in_words(self._last)}"
+
+
+def _seconds(duration: float) -> str:
+    return f"{duration:.2f} s" if duration < 1.0 else f"{duration:.1f} s"

@@ -110,6 +110,7 @@ function show() {
   choosing.show(status);
   if (status === null) {
     $("stop").firstChild.textContent = "Stop ";
+    $("decision").textContent = "";
     table($("link"), [["rig", "does not answer", true]]);
     return;
   }
@@ -137,10 +138,11 @@ function show() {
     $("repeat").disabled = !session.waiting || session.done === 0;
   }
   for (const mode of MODES) $(mode).setAttribute("aria-pressed", String(status.mode === mode));
+  $("decision").textContent = status.decision ?? "no decision yet";
+  $("decision").className = `note ${status.loss ? "warn" : "quiet"}`;
   $("feedback").setAttribute("aria-pressed", String(status.feedback));
   const missed = Math.max(trial.missed ?? 0, trial.phase === "running" ? (playback?.newest?.missed ?? 0) : 0);
   table($("link"), [
-    ["decision", status.decision ?? "–", Boolean(status.loss)],
     ["driver", driver ?? "nobody", driver === null],
     ["hand", hand.reason || `${hand.rate.toFixed(0)} messages/s`, Boolean(hand.reason)],
     ["pointer to wrench", ms(latency.hand)],
