@@ -1,8 +1,9 @@
-"""`./rig run python tests/mutation.py`: is every line of the filter and the measures held by a test?
+"""`./rig run python tests/mutation.py`: is every line of the criterion, the filter and the measures held by a test?
 
-Each mutant differs from the source in one place (a comparison, a sign, a number, a call left out). Its tests run in a
-process that was forked when numba was loaded. A mutant that no test kills is printed; a test has to be written, or it
-stands in EQUIVALENT with the reason why nothing can tell it from the source.
+So too what is fail-safe in the runtime. Each mutant differs from the source in one place: a comparison, a sign, a
+number; a call, an assignment, a return or a keyword argument left out. Its tests run in a process that was forked when
+numba was loaded. A mutant that no test kills is printed; a test has to be written, or it stands in EQUIVALENT with the
+reason why nothing can tell it from the source.
 """
 
 from __future__ import annotations
@@ -16,32 +17,56 @@ import importlib.machinery
 import os
 import select
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ROOT / "src" / "shared_control" / "shared_control"
 
-#: Module and the tests that hold it.
+
+@dataclass(frozen=True)
+class Target:
+    """A module, and the tests that hold it: those that kill most in the least time first."""
+
+    package: str
+    tests: tuple[str, ...]
+    #: numba keeps kernels under their own code and not under the constants that they read: a mutant of a kernel runs as
+    #: the Python that it is.
+    compiled: bool = True
+    #: Loaded before the fork: what costs seconds and loads no target.
+    heavy: tuple[str, ...] = ("numba", "numpy", "scipy.stats", "pytest", "hypothesis")
+
+
+_OF_ROS = ("numpy", "pytest", "hypothesis", "rclpy.executors", "mig_interfaces.msg", "geometry_msgs.msg")
+
 TARGETS = {
-    "filter": ("test_filter.py", "test_judges.py", "test_loop.py", "test_trial.py"),
-    "decision": ("test_decision.py", "test_filter.py"),
-    "measures": ("test_measures.py", "test_trial.py"),
+    "mig": Target(
+        "shared_control",
+        ("test_mig.py::test_with_what_follows_against_complex_steps", "test_mig.py::test_kink_at_rest", "test_mig.py"),
+        compiled=False,
+        heavy=("numba", "numpy", "scipy.integrate", "pytest", "hypothesis", "shared_control.cost"),
+    ),
+    "filter": Target("shared_control", ("test_filter.py", "test_judges.py", "test_loop.py", "test_trial.py")),
+    "decision": Target("shared_control", ("test_decision.py", "test_filter.py")),
+    "measures": Target("shared_control", ("test_measures.py", "test_trial.py")),
+    "faults": Target("rig_runtime", ("test_faults.py",), heavy=_OF_ROS),
+    "ticks": Target("rig_runtime", ("test_ticks.py",), heavy=_OF_ROS),
 }
 
 #: (module, mutant as it is printed): why nothing can tell it from the source.
 EQUIVALENT = {
     ("filter", "task.m > 1  ->  task.m >= 1"): "one input is judged the same way jointly and by itself",
+    ("faults", "delay < self._least  ->  delay <= self._least"): "what is equal takes the place of its equal",
+    ("ticks", "-1  ->  -2"): "no stamp is below zero: any number below it stands for none",
+    ("ticks", "overtaken <= newest  ->  overtaken < newest"): "the newest has been handed out by then",
 }
 
 #: [s] A mutant whose tests take longer never ends.
 LIMIT = 120
-
-#: Loaded before the fork: what costs seconds and holds no target.
-_HEAVY = ("numba", "numpy", "scipy.stats", "pytest", "hypothesis", "shared_control.mig")
 
 _SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -61,11 +86,13 @@ def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
         new = _mutated(old)
         if index is None:
             setattr(twin, name, new)
+        elif isinstance(new, ast.Delete):
+            del getattr(twin, name)[index]
         else:
             getattr(twin, name)[index] = new
         line = getattr(old, "lineno", getattr(node, "lineno", 0))
         after = ast.unparse(ast.fix_missing_locations(twin))
-        if isinstance(node, (ast.FunctionDef, ast.If, ast.For, ast.ClassDef, ast.With)):
+        if isinstance(old, ast.stmt):
             before, after = ast.unparse(old), ast.unparse(new)
         yield f"line {line}: {before}  ->  {after}", changed
 
@@ -73,8 +100,10 @@ def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
 def _places(node: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
     """Parent, field and index of everything that a mutant changes."""
     for name, value in ast.iter_fields(node):
-        if name in ("annotation", "returns", "decorator_list", "type_params", "bases", "exc", "keywords"):
+        if name in ("annotation", "returns", "decorator_list", "type_params", "bases", "exc"):
             continue  # declarations and sentences
+        if name == "keywords" and isinstance(node, ast.ClassDef):
+            continue
         children = [(value, None)] if isinstance(value, ast.AST) else []
         if isinstance(value, list):
             children = [(child, index) for index, child in enumerate(value) if isinstance(child, ast.AST)]
@@ -101,8 +130,12 @@ def _mutated(node: ast.AST) -> ast.AST | None:
         return ast.Constant(node.value + 1)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Not, ast.USub)):
         return node.operand
+    if isinstance(node, ast.keyword) and node.arg is not None:
+        return ast.Delete([])  # leaves it out
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
         return ast.Pass()
+    if isinstance(node, (ast.Assign, ast.AugAssign, ast.Return)):
+        return None if ast.unparse(node).startswith("__all__") else ast.Pass()
     if isinstance(node, ast.IfExp):
         return node.body
     return None
@@ -143,13 +176,14 @@ def survives(target: str, tree: ast.Module) -> bool:
 def _be_mutant(target: str, tree: ast.Module) -> None:
     import pytest
 
-    name = f"shared_control.{target}"
+    kind = TARGETS[target]
+    name = f"{kind.package}.{target}"
     assert name not in sys.modules, f"{name} was loaded before the fork"
-    sys.meta_path.insert(0, _Instead(name, SOURCES / f"{target}.py", tree))
+    sys.meta_path.insert(0, _Instead(name, source(target), tree))
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
-    tests = [str(ROOT / "tests" / "shared_control" / file) for file in TARGETS[target]]
+    tests = [str(ROOT / "tests" / kind.package / file) for file in kind.tests]
     code = 1
     try:
         code = int(pytest.main(["-x", "-q", "--rootdir", str(ROOT), *tests]))
@@ -157,35 +191,48 @@ def _be_mutant(target: str, tree: ast.Module) -> None:
         os._exit(code)
 
 
+def source(target: str) -> Path:
+    """The file of a target."""
+    package = TARGETS[target].package
+    return ROOT / "src" / package / package / f"{target}.py"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """0 if every mutant is killed or explained."""
     parser = argparse.ArgumentParser(prog="./rig run python tests/mutation.py", description=__doc__)
-    parser.add_argument("target", nargs="*", help=f"only these: {', '.join(TARGETS)}")
+    parser.add_argument("target", nargs="*", choices=[[], *TARGETS], help=f"only these: {', '.join(TARGETS)}")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth mutant")
+    parser.add_argument("--first", type=int, default=0, metavar="K", help="the first of these (default: %(default)s)")
     options = parser.parse_args(argv)
+    if len(options.target) == 1:
+        return _try(options.target[0], slice(options.first, None, options.every))
+    # Each in a process of its own: what one loads before the fork is another's target.
+    code, pieces = 0, ["--every", str(options.every), "--first", str(options.first)]
+    for target in options.target or TARGETS:
+        code |= subprocess.run([sys.executable, __file__, target, *pieces], check=False).returncode
+    return code
+
+
+def _try(target: str, piece: slice) -> int:
+    if not TARGETS[target].compiled and os.environ.get("NUMBA_DISABLE_JIT") != "1":
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, "NUMBA_DISABLE_JIT": "1"})
     sys.path.insert(0, str(ROOT / "tests"))
     os.chdir(ROOT)
-    for name in _HEAVY:
+    for name in TARGETS[target].heavy:
         importlib.import_module(name)
-    code = 0
-    for target in options.target or TARGETS:
-        tree = ast.parse((SOURCES / f"{target}.py").read_text(encoding="utf-8"))
-        assert survives(target, copy.deepcopy(tree)), f"the tests of {target} fail without a mutant"
-        found = list(mutants(tree))[:: options.every]
-        begin, alive, explained = time.monotonic(), 0, 0
-        for what, mutant in found:
-            if (target, what.partition(": ")[2]) in EQUIVALENT:
-                explained += 1
-            elif survives(target, mutant):
-                alive += 1
-                print(f"{target}.py, {what}", flush=True)
-        seconds = time.monotonic() - begin
-        killed = len(found) - alive - explained
-        print(
-            f"{target}: {len(found)} mutants, {killed} killed, {explained} equivalent, {alive} alive; {seconds:.0f} s"
-        )
-        code |= alive > 0
-    return code
+    tree = ast.parse(source(target).read_text(encoding="utf-8"))
+    assert survives(target, copy.deepcopy(tree)), f"the tests of {target} fail without a mutant"
+    found = list(mutants(tree))[piece]
+    begin, alive, explained = time.monotonic(), 0, 0
+    for what, mutant in found:
+        if (target, what.partition(": ")[2]) in EQUIVALENT:
+            explained += 1
+        elif survives(target, mutant):
+            alive += 1
+            print(f"{target}.py, {what}", flush=True)
+    seconds, killed = time.monotonic() - begin, len(found) - alive - explained
+    print(f"{target}: {len(found)} mutants, {killed} killed, {explained} equivalent, {alive} alive; {seconds:.0f} s")
+    return int(alive > 0)
 
 
 if __name__ == "__main__":

@@ -56,8 +56,8 @@ def test_any_arithmetic_is_what_python_says(expression: str) -> None:
     "expression",
     ["__import__('os').system('id')", "m.__class__", "open('/etc/passwd')", "eval('1')", "m.name.upper()", "print(m)",
      "(lambda: 1)()", "[abs(1) for abs in [m.name.upper]]", "[m for m in m.state]", "f'{m}'", "(x := 1)",
-     "max(*m.state)", "max(m.state, key=abs)", "{1: 2}", "nothing", "[x for x in m.state for y in m.state]", "import os", "m.", "",
-     "[x async for x in m.state]", "yield 1", "a\0b"],
+     "max(*m.state)", "max(m.state, key=abs)", "{1: 2}", "nothing", "[x for x in m.state for y in m.state]",
+     "import os", "m.", "", "[x async for x in m.state]", "yield 1", "a\0b"],
 )  # fmt: skip
 def test_what_is_not_allowed_is_refused_before_a_message_comes(expression: str) -> None:
     with pytest.raises(CommandError, match="--filter"):

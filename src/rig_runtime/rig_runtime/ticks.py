@@ -134,7 +134,7 @@ class TickMatcher(Generic[L, R]):
             right, right_received = self._right.pop(stamp, (None, left_received))
             ready.append(Matched(stamp, left, right, left_received, right_received))
         self._done = newest
-        for stamp in [stamp for stamp in self._right if stamp <= newest]:
-            del self._right[stamp]
+        for overtaken in [overtaken for overtaken in self._right if overtaken <= newest]:
+            del self._right[overtaken]
             self.late += 1
         return ready
