@@ -17,7 +17,7 @@ from live_display import LiveRig
 from rclpy.parameter import Parameter
 from tab import Tab
 
-from mig_interfaces.msg import FilterDecision, TrialState
+from mig_interfaces.msg import FilterDecision, TaskState, TrialState
 
 pytestmark = [pytest.mark.skipif(browser_path() is None, reason=NO_BROWSER), pytest.mark.timeout(900)]
 
@@ -397,7 +397,7 @@ def test_a_person_swings_it_up_with_the_filter_assisting(browser: Any, tmp_path:
         page.mouse.down()
         page.evaluate(f"({Path(__file__).with_name('person.js').read_text()})(window.press)")
         page.get_by_text("✓ held").wait_for()
-        assert any(state.held for state in rig.states)
+        rig.until(lambda: any(state.outcome == TaskState.OUTCOME_SUCCESS for state in rig.states), page)
         # Without a person nothing would have moved: the filter does nothing about a hand that does nothing.
         accepted = [each for each in rig.decisions if each.verdict == FilterDecision.VERDICT_ACCEPTED]
         assert sum(abs(each.admitted_force.x) > 1.0 for each in accepted) > 100
