@@ -30,8 +30,8 @@ def wrench(tick: int, force: float, frame: str = SENSOR_FRAME) -> WrenchStamped:
     return message
 
 
-def trial(phase: int, uid: int = 1) -> TrialState:
-    """A trial of forty ticks."""
-    message = TrialState(phase=phase, uid=uid, epoch=to_stamp(LOCKSTEP_EPOCH), ticks_planned=40)
+def trial(phase: int, uid: int = 1, ticks: int = 40) -> TrialState:
+    """A trial of so many ticks."""
+    message = TrialState(phase=phase, uid=uid, epoch=to_stamp(LOCKSTEP_EPOCH), ticks_planned=ticks)
     message.sample_time.nanosec = SAMPLE
     return message

@@ -5,12 +5,14 @@
 #
 # Scenario files are ordinary ROS parameter files. RIG_NAMESPACE (default: rig) stands in front of every topic. With a
 # `recorder` section that names a bag (`uri`), the trial is recorded; leave the recorder out with RIG_RECORD=0.
-# RIG_USER=display puts a person at the browser page in the place of the simulated user.
+# RIG_USER=display puts a person at the browser page in the place of the simulated user (`./rig up --display` writes the
+# parameters for it); a fault then stays until somebody clears it, unless a file says `recovery: automatic`.
 set -u
 
-[ $# -ge 1 ] || { sed -n '2,8s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 1 ] || { sed -n '2,9s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 
 ros_arguments=(--ros-args -r "__ns:=/${RIG_NAMESPACE:-rig}")
+[ "${RIG_USER:-}" != display ] || ros_arguments+=(-p recovery:=explicit)
 for file in "$@"; do
     [ -r "$file" ] || { echo "error: cannot read parameter file $file" >&2; exit 2; }
     ros_arguments+=(--params-file "$file")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig_runtime.faults import LOOKS, FaultLatch, Lateness, Loss, Silence, in_words
+from rig_runtime.faults import LOOKS, STEADY, FaultLatch, Lateness, Loss, Silence, in_words
 
 MILLISECOND = 1_000_000
 
@@ -42,19 +42,50 @@ def test_a_process_that_slept_looks_once_when_it_wakes() -> None:
     assert not silence.look(), "one look, however late, is no silence"
 
 
-@given(st.lists(st.integers(0, 10**9), min_size=1))
-def test_lateness_is_against_the_best_so_far(delays: list[int]) -> None:
-    lateness, sample, offset = Lateness(), 10 * MILLISECOND, 123_456_789_012
-    found = [lateness.of(k * sample, offset + k * sample + delay) for k, delay in enumerate(delays)]
-    assert found == [delay - min(delays[: k + 1]) for k, delay in enumerate(delays)]
+SAMPLE, OFFSET = 10 * MILLISECOND, 123_456_789_012
+
+
+@given(st.lists(st.integers(0, 10**9), min_size=1), st.integers(0, 10**9))
+def test_lateness_is_against_the_best_so_far(delays: list[int], limit: int) -> None:
+    lateness = Lateness(limit)
+    for k in range(1, len(delays)):
+        # None overtakes the one before.
+        delays[k] = max(delays[k], delays[k - 1] - SAMPLE)
+    for k, delay in enumerate(delays):
+        late = lateness.late(k * SAMPLE, OFFSET + k * SAMPLE + delay)
+        against = delay - min(delays[: k + 1])
+        # The best may have risen, by no more than clocks can run apart meanwhile.
+        rise = (k * SAMPLE + 10**9) // STEADY
+        assert against - rise <= lateness.last <= against
+        assert late is (lateness.last > limit)
+
+
+@given(st.floats(-1.0, 1.0), st.integers(1, 400))
+def test_clocks_that_run_apart_make_nothing_late(apart: float, seconds: int) -> None:
+    lateness = Lateness(MILLISECOND)
+    for second in range(seconds):
+        stamp = second * 10**9
+        assert not lateness.late(stamp, OFFSET + stamp + int(apart * stamp / STEADY))
+
+
+@given(st.integers(1, 10**9), st.integers(1, 2000))
+def test_what_is_late_stays_so_for_however_long_it_is(beyond: int, ticks: int) -> None:
+    limit = 50 * MILLISECOND
+    lateness = Lateness(limit)
+    assert not lateness.late(0, OFFSET)
+    delay = limit + 2 * 10**9 // STEADY + beyond
+    assert all(lateness.late(k * SAMPLE, OFFSET + k * SAMPLE + delay) for k in range(1, ticks + 1))
+    assert not lateness.late((ticks + 1) * SAMPLE, OFFSET + (ticks + 1) * SAMPLE)
 
 
 def test_lateness_begins_anew_with_a_trial() -> None:
-    lateness = Lateness()
-    assert lateness.of(0, 5) == 0
-    assert lateness.of(0, 50) == 45
+    lateness = Lateness(10)
+    assert not lateness.late(0, 5)
+    assert lateness.late(0, 50)
+    assert lateness.last == 45
     lateness.reset()
-    assert lateness.of(1000, 10**9) == 0
+    assert not lateness.late(1000, 10**9)
+    assert lateness.last == 0
 
 
 @given(st.lists(st.sampled_from([None, "a", "b"])))

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from mig_interfaces.msg import TrialState
 from rig_runtime import topics
-from rig_runtime.faults import FaultLatch, Silence
+from rig_runtime.faults import FaultLatch, Lateness, Silence
 from rig_runtime.node import RigNode
 from rig_runtime.stages import delay_of
 from rig_runtime.ticks import to_nanoseconds
@@ -31,7 +31,8 @@ class AdmittanceSimNode(RigNode):
     """`mig_filter/command` in, `admittance/end_effector` out.
 
     In real time, when no command comes for `command_timeout`, the robot goes on under no force, tick by tick, and says
-    so; a command for a tick that has passed this way is dropped. A command that is not finite is no force. With
+    so; a command for a tick that has passed this way is dropped. One that is late by `command_timeout`, against the
+    trial's least late one, is none, so that a stream of such is silence. A command that is not finite is no force. With
     `recovery: explicit` no force counts from either on, nor after this node itself has stood still for
     `command_timeout` or was started in the middle of a trial, until `admittance/clear_fault` is called or a new trial
     begins.
@@ -41,12 +42,13 @@ class AdmittanceSimNode(RigNode):
         super().__init__("admittance_sim", *CONFIGURATIONS, **kwargs)
         loop = self.parameters.get(LoopConfig)
         self._agent = make_robot(Scenario(loop=loop, robot=self.parameters.get(AdmittanceConfig)))
-        self._dropped = self._gaps = self._losses = 0
+        self._dropped = self._late = self._gaps = self._losses = 0
         self._sample_time = loop.sample_time
         self._realtime = loop.pacing == "realtime"
         self._silence = Silence(loop.command_timeout)
         self._lost_at = self._armed_at = 0
         self._timeout = to_nanoseconds(loop.command_timeout)
+        self._lateness = Lateness(self._timeout)
         self._looked = 0  # [ns] when the watchdog last looked; 0 before it does
         self._latch: FaultLatch[str] = FaultLatch(loop.recovery == "explicit")
         self._zero = np.zeros(3)
@@ -64,17 +66,19 @@ class AdmittanceSimNode(RigNode):
     def arm(self, trial: TrialState) -> None:
         self._agent.reset()
         self._armed_at = time.monotonic_ns()
-        self._dropped = self._gaps = self._losses = 0
+        self._dropped = self._late = self._gaps = self._losses = 0
+        self._lateness.reset()
         self._silence.heard()
         self._latch.clear()
         if trial.phase == TrialState.PHASE_RUNNING:
             self._latch.hold("it was started in the middle of a trial")
 
     def diagnose(self) -> tuple[bytes, str, dict[str, object]]:
-        level = DiagnosticStatus.WARN if self._dropped or self._gaps else DiagnosticStatus.OK
+        level = DiagnosticStatus.WARN if self._dropped or self._late or self._gaps else DiagnosticStatus.OK
         values: dict[str, object] = {
             "ticks": self.ticks_done,
             "dropped": self._dropped,
+            "late": self._late,
             "ticks without command": self._gaps,
             "times without command": self._losses,
         }
@@ -122,9 +126,17 @@ class AdmittanceSimNode(RigNode):
         command = self._command
         command.load(data)
         tick = self.tick_of(command.stamp)
-        self._silence.heard()
         # To catch up with a stamp that is further ahead than time can be would only hold up what is true.
-        if tick is None or not 0 <= tick - self.ticks_done <= self._most_ahead():
+        if tick is None or tick - self.ticks_done > self._most_ahead():
+            self._dropped += 1
+            return
+        if self._realtime and self._lateness.late(command.stamp, begin):
+            # Not heard: the robot goes on under no force for as long as nothing else comes.
+            self._late += 1
+            return
+        self._silence.heard()
+        if tick < self.ticks_done:
+            # In time, but the robot has gone on without it; it waits here until the loop has come level.
             self._dropped += 1
             return
         if not self.ticks_done:

@@ -41,11 +41,11 @@ class MigFilterNode(RigNode):
         loop = self.parameters.get(LoopConfig)
         self._realtime = loop.pacing == "realtime"
         self._timeout = to_nanoseconds(loop.command_timeout)
-        self._state_timeout = to_nanoseconds(loop.state_timeout) if self._realtime else 0
+        self._state_limit = to_nanoseconds(loop.state_limit) if self._realtime else 0
         self._agent = make_filter(Scenario(loop=loop, filter=self.parameters.get(FilterConfig)))
         self.parameters.on_change(self._reconfigure)
         self._matcher: TickMatcher[bytes, bytes] = TickMatcher()
-        self._lateness = Lateness()
+        self._lateness = Lateness(self._state_limit)
         self._newest_state = -1
         self._ahead = 0
         self._wrench_silence, self._state_silence = Silence(loop.command_timeout), Silence(loop.command_timeout)
@@ -178,7 +178,7 @@ class MigFilterNode(RigNode):
 
     def _fault(self, tick: Matched[bytes, bytes]) -> Reason | None:
         """What is wrong with a tick's state or wrench before one looks at their numbers; loads the wrench."""
-        late = self._state_timeout and self._lateness.of(tick.stamp, tick.left_received) > self._state_timeout
+        late = self._state_limit and self._lateness.late(tick.stamp, tick.left_received)
         if tick.right is None:
             self._wrench["wrench.force"] = 0.0
             return Reason.STALE_STATE if late else Reason.STALE_WRENCH

@@ -32,8 +32,12 @@ def _display() -> NodeFactory:
 def main() -> None:
     """Spin the graph until it is told to end. RIG_RECORD=0 leaves the recorder out, RIG_USER=display takes a person."""
     person = os.environ.get("RIG_USER") == "display"
+    arguments = list(sys.argv)
+    if person:
+        # In front: what the command line and its files say counts.
+        arguments[1:1] = ["--ros-args", "-p", "recovery:=explicit"]
     # A page's server has work of its own beside the loop.
-    sys.exit(run(*graph(os.environ.get("RIG_RECORD", "1") != "0", person), alone=not person))
+    sys.exit(run(*graph(os.environ.get("RIG_RECORD", "1") != "0", person), args=arguments, alone=not person))
 
 
 if __name__ == "__main__":

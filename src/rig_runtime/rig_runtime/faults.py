@@ -8,9 +8,12 @@ from __future__ import annotations
 import math
 from typing import Generic, TypeVar
 
-__all__ = ["LOOKS", "FaultLatch", "Lateness", "Loss", "Silence", "in_words"]
+__all__ = ["LOOKS", "STEADY", "FaultLatch", "Lateness", "Loss", "Silence", "in_words"]
 
 T = TypeVar("T")
+
+#: Two clocks run apart by less than one part in this: 200 us in a second, several times what a quartz may be off.
+STEADY = 5000
 
 #: How often a watchdog looks within the time that it allows.
 LOOKS = 10
@@ -60,25 +63,43 @@ class Silence:
 
 
 class Lateness:
-    """How much later than it could be a message comes: l_k = (r_k - s_k) - min_{j <= k} (r_j - s_j).
+    """Whether a message comes later than it could, by more than a limit: (r_k - s_k) - d_k > limit.
 
-    With s_k the stamp and r_k the reception on a steady clock, both [ns]. The clocks need not agree, and a wall clock
-    that jumps changes nothing, because stamps of ticks are counted from the trial's beginning.
+    With s_k the stamp, r_k the reception on a steady clock, and d_k the least r_j - s_j of the trial so far, which may
+    rise by one part in :data:`STEADY` from one message in time to the next: clocks of two machines need neither agree
+    nor run alike. A wall clock that jumps changes nothing, because stamps of ticks are counted from the trial's
+    beginning.
+
+    Parameters
+    ----------
+    limit: [ns].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
         self._least: int | None = None
+        self._received = 0
+        #: [ns] By how much the last message was later than it could be.
+        self.last = 0
 
     def reset(self) -> None:
         """A new trial, with stamps of its own."""
         self._least = None
+        self.last = 0
 
-    def of(self, stamp: int, received: int) -> int:
-        """Of a message with this stamp, received at this time [ns]."""
+    def late(self, stamp: int, received: int) -> bool:
+        """Whether a message with this stamp, received at this time [ns], is."""
         delay = received - stamp
-        if self._least is None or delay < self._least:
-            self._least = delay
-        return delay - self._least
+        least = delay
+        if self._least is not None:
+            least = min(delay, self._least + (received - self._received) // STEADY)
+        self._received = received
+        self.last = delay - least
+        if self.last > self._limit:
+            # No rise: otherwise what comes late for long enough would be in time again.
+            return True
+        self._least = least
+        return False
 
 
 def in_words(fault: object) -> str:

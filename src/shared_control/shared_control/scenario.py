@@ -65,7 +65,8 @@ class LoopConfig:
     state_timeout: float = parameter(
         0.0,
         "A state that is later than this, against the least late one of its trial, is not judged and nothing is "
-        "admitted; 0: any is judged, because a simulated task is as late as its machine.",
+        "admitted; 0: command_timeout where recovery is explicit, else any is judged: a simulated task is as late as "
+        "its machine.",
         unit="s",
         ge=0.0,
         le=10.0,
@@ -87,6 +88,11 @@ class LoopConfig:
     def ticks(self) -> int:
         """Number of samples in the trial."""
         return round(self.duration / self.sample_time)
+
+    @property
+    def state_limit(self) -> float:
+        """How late a state may be [s]; 0: however late."""
+        return self.state_timeout or (self.command_timeout if self.recovery == "explicit" else 0.0)
 
     @property
     def robot(self) -> Robot:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, TypeVar
 
 import rclpy
@@ -149,19 +149,27 @@ class LiveGraph:
 
     # -- the nodes -----------------------------------------------------------------------------------------------
 
-    def start(self, node: str, **parameters: object) -> None:
-        """Start a node, or start it again, with parameters on top of the file's."""
+    def start(self, node: str, remap: Mapping[str, str] = MappingProxyType({}), **parameters: object) -> None:
+        """Start a node, or start it again, with other names of topics and parameters on top of the file's."""
         if node == "recorder":
             self.bags.append(self.folder / f"bag_{len(self.bags)}")
             self.hand.heard.clear()
             parameters["uri"] = str(self.bags[-1])
         if node == "mig_filter":
             self.mode = str(parameters.get("mode", "off"))
-        self.processes[node] = self.start_process(node, node, self.namespace, **parameters)
+        self.processes[node] = self.start_process(node, node, self.namespace, remap, **parameters)
 
-    def start_process(self, like: str, name: str, namespace: str, **parameters: object) -> GraphProcess:
+    def start_process(
+        self,
+        like: str,
+        name: str,
+        namespace: str,
+        remap: Mapping[str, str] = MappingProxyType({}),
+        **parameters: object,
+    ) -> GraphProcess:
         """Start a node like one of the graph's under a name of its own; it is the caller's to stop."""
-        arguments = ["--ros-args", "-r", f"__ns:=/{namespace}", "-r", f"__node:={name}"]
+        names = {"__ns": f"/{namespace}", "__node": name, **remap}
+        arguments = ["--ros-args", *(word for old, new in names.items() for word in ("-r", f"{old}:={new}"))]
         arguments += ["--params-file", str(self.parameters)]
         if parameters:
             more = self.folder / f"{namespace}_{name}.yaml"
@@ -177,11 +185,11 @@ class LiveGraph:
         self.processes[node].send_all(signal.SIGKILL)
         return at
 
-    def replace_filter(self, **parameters: object) -> None:
+    def replace_filter(self, remap: Mapping[str, str] = MappingProxyType({}), **parameters: object) -> None:
         """Another filter in place of this one; by then the hand has heard the last force of this one."""
         self.kill("mig_filter")
         self.still()
-        self.start("mig_filter", **parameters)
+        self.start("mig_filter", remap, **parameters)
         self.hand.motions.clear()
 
     def stop(self, node: str) -> float:

@@ -1,6 +1,6 @@
 """What a row of the table of faults is, and how one is run.
 
-The rows are in `inputs`, `nodes`, `machine`, `network`, `people`, `sessions` and `starts`.
+The rows are in `commands`, `inputs`, `nodes`, `machine`, `network`, `people`, `sessions` and `starts`.
 """
 
 from __future__ import annotations
