@@ -168,8 +168,11 @@ def test_a_lost_command_is_in_the_diagnostics_at_once_and_so_is_its_end(graph: A
         assert said[-1].level == DiagnosticStatus.ERROR
         assert said[-1].message == f"no command came in time: no force until {topics.CLEAR_ROBOT_SERVICE} is called"
         graph.until(lambda: float(said[-1].values["no force for [s]"]) > 0.2)
-        graph.call(Trigger, topics.CLEAR_ROBOT_SERVICE, Trigger.Request())
     bench.trials.publish(trial(TrialState.PHASE_FINISHED))
+    if recovery == "explicit":
+        graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_FINISHED)
+        assert bench.node.diagnose()[0] == DiagnosticStatus.ERROR, "what is kept outlasts the trial"
+        graph.call(Trigger, topics.CLEAR_ROBOT_SERVICE, Trigger.Request())
     graph.until(lambda: said[-1].values["no force because"] == "")
     assert said[-1].level == DiagnosticStatus.WARN
     assert said[-1].message.startswith("moving; no force for ")
@@ -191,6 +194,21 @@ def test_a_command_that_is_not_finite_is_no_force(graph: Any) -> None:
     after = bench.push(1, 5.0)
     assert (after.force.x, after.velocity.x) == (5.0, 0.01 * 5.0 / bench.mass)
     assert bench.node.diagnose()[2]["dropped"] == 1
+
+
+def test_a_fault_that_is_cleared_while_the_commands_are_still_lost_is_kept_again(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "recovery:=explicit", "command_timeout:=0.5")
+    bench.trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_RUNNING)
+    bench.push(0, 5.0)
+    graph.until(lambda: bench.node.diagnose()[0] == DiagnosticStatus.ERROR)
+    answer = graph.call(Trigger, topics.CLEAR_ROBOT_SERVICE, Trigger.Request())
+    assert answer.message == "cleared: no command came in time"
+    graph.until(lambda: bench.node.diagnose()[0] == DiagnosticStatus.ERROR)
+    graph.until(lambda: len(bench.out) == 40)
+    bench.commands.publish(wrench(40, 5.0))
+    graph.until(lambda: len(bench.out) == 41)
+    assert bench.out[-1].force.x == 0.0
 
 
 @pytest.mark.parametrize("recovery", ["automatic", "explicit"])

@@ -260,11 +260,34 @@ def test_a_fault_of_the_graph_is_shown_and_released(bench: Callable[..., Any], w
     say("/elsewhere/mig_filter", DiagnosticStatus.ERROR, "not ours", "not ours")
     say("/rig/mig_filter", DiagnosticStatus.ERROR, kept, "stale wrench")
     at.until(lambda: page.status["faults"] == ["mig_filter: stale wrench"])
-    at.until(lambda: all(client.service_is_ready() for client in at.node._desk._clearers))
+    at.until(lambda: all(client.service_is_ready() for client in at.node._desk._clearers.values()))
     page.say("release")
-    at.until(lambda: sorted(cleared) == sorted((topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE)))
-    say("/rig/mig_filter", DiagnosticStatus.OK, "judging", "")
+    at.until(lambda: [note["text"] for note in page.notes] == ["so be it"])
+    # What nobody has seen is not released.
+    assert cleared == [topics.CLEAR_FILTER_SERVICE]
+    say("/rig/admittance_sim", DiagnosticStatus.ERROR, "it waits", "no command came in time")
+    at.until(lambda: len(page.status["faults"]) == 2)
+    page.say("release")
+    at.until(lambda: len(page.notes) == 3)
+    assert sorted(cleared[1:]) == sorted((topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE))
+    for node in ("mig_filter", "admittance_sim"):
+        say(f"/rig/{node}", DiagnosticStatus.OK, "going on", "")
     at.until(lambda: page.status["faults"] == [])
+
+
+def test_a_release_that_finds_nobody_does_not_wait_for_a_fault_to_come(bench: Callable[..., Any], web: Web) -> None:
+    at = bench()
+    page, say = drive(at, web), speaker(at)
+    say("/rig/admittance_sim", DiagnosticStatus.ERROR, "it waits", "no command came in time")
+    at.until(lambda: len(page.status["faults"]) == 1)
+    page.say("release")
+    at.until(lambda: bool(page.notes))
+    assert f"nobody serves {topics.CLEAR_ROBOT_SERVICE}" in page.notes[0]["text"]
+    cleared = serve(at.graph, (topics.CLEAR_ROBOT_SERVICE,))
+    at.until(at.node._desk._clearers["admittance_sim"].service_is_ready)
+    later = at.node.get_clock().now().nanoseconds + 200_000_000
+    at.until(lambda: at.node.get_clock().now().nanoseconds > later)
+    assert cleared == []
 
 
 def test_what_fails_without_taking_the_force_is_no_fault_to_release(bench: Callable[..., Any], web: Web) -> None:

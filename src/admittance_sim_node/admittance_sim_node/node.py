@@ -98,9 +98,10 @@ class AdmittanceSimNode(RigNode):
         was_silent = self._silence.silent
         if not self._silence.look():
             return None
+        # Again at each look: to clear it while the silence lasts is to clear what has not been lost yet.
+        self._latch.hold(_NO_COMMAND)
         if not was_silent:
             self._lost_at = self.ticks_done
-            self._latch.hold(_NO_COMMAND)
         # One less than have been due: the task takes no motion for a tick that it has not published yet.
         passed = self._lost_at + int(self._silence.lasting / self._sample_time) - 1
         while self.ticks_done < min(passed, self.trial.ticks_planned):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -21,6 +21,7 @@ from rig_runtime.node import RigNode
 __all__ = ["FILTER", "GraphDesk"]
 
 FILTER = "mig_filter"
+_ROBOT = "admittance_sim"
 
 #: [s] How long a service is waited for, and how often it is looked for meanwhile.
 _PATIENCE, _RETRY = 5.0, 0.05
@@ -35,9 +36,10 @@ class GraphDesk:
         self._node = node
         self._starter = node.create_client(StartTrial, topics.START_SERVICE)
         self._aborter = node.create_client(AbortTrial, topics.ABORT_SERVICE)
-        self._clearers = [
-            node.create_client(Trigger, name) for name in (topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE)
-        ]
+        self._clearers = {
+            who: node.create_client(Trigger, name)
+            for who, name in ((FILTER, topics.CLEAR_FILTER_SERVICE), (_ROBOT, topics.CLEAR_ROBOT_SERVICE))
+        }
         self._conductor = {
             what: node.create_client(Trigger, name)
             for what, name in (
@@ -59,10 +61,10 @@ class GraphDesk:
         request = AbortTrial.Request(reason=reason)
         self._ask(self._aborter, request, done, lambda answer: (answer.success, answer.message))
 
-    def clear_faults(self, done: Done) -> None:
-        """`clear_fault` of the filter and of the robot."""
-        for client in self._clearers:
-            self._ask(client, Trigger.Request(), done, lambda answer: (answer.success, answer.message))
+    def clear_faults(self, nodes: Iterable[str], done: Done) -> None:
+        """`clear_fault` of these nodes, now or not at all: what comes later nobody has seen, and it must stay."""
+        for client in (self._clearers[node] for node in nodes if node in self._clearers):
+            self._ask(client, Trigger.Request(), done, lambda answer: (answer.success, answer.message), patience=0.0)
 
     def lead(self, what: str, done: Done) -> None:
         """`pause`, `resume` or `repeat` of the session's conductor."""
@@ -96,8 +98,15 @@ class GraphDesk:
 
         self._getter.call_async(GetParameters.Request(names=["mode", "target"])).add_done_callback(read)
 
-    def _ask(self, client: Client[Any, Any], request: Any, done: Done, read: Callable[[Any], tuple[bool, str]]) -> None:
-        limit = time.monotonic() + _PATIENCE
+    def _ask(
+        self,
+        client: Client[Any, Any],
+        request: Any,
+        done: Done,
+        read: Callable[[Any], tuple[bool, str]],
+        patience: float = _PATIENCE,
+    ) -> None:
+        limit = time.monotonic() + patience
 
         def ask(timer: Timer | None = None) -> None:
             ready = client.service_is_ready()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from rig_display.client import Client
@@ -30,7 +30,7 @@ class Desk(Protocol):
 
     def set_mode(self, mode: str, done: Done) -> None: ...
 
-    def clear_faults(self, done: Done) -> None: ...
+    def clear_faults(self, nodes: Iterable[str], done: Done) -> None: ...
 
     def lead(self, what: str, done: Done) -> None: ...
 
@@ -185,7 +185,7 @@ class Seat:
         if self._in_charge(client):
             self._hand.release()
             if self.feed.faults:
-                self._desk.clear_faults(self._answer(client))
+                self._desk.clear_faults(tuple(self.feed.faults), self._answer(client))
 
     def _take_feedback(self, client: Client, message: dict[str, Any]) -> None:
         if self._in_charge(client):
