@@ -178,6 +178,18 @@ def test_a_lost_command_is_in_the_diagnostics_at_once_and_so_is_its_end(graph: A
     assert said[-1].message.startswith("moving; no force for ")
 
 
+def test_commands_that_are_not_finite_are_in_the_diagnostics_until_one_is(graph: Any) -> None:
+    bench = Bench(graph, "pacing:=realtime", "command_timeout:=5.0")
+    said = graph.diagnostics("admittance_sim")
+    bench.trials.publish(trial(TrialState.PHASE_RUNNING))
+    graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_RUNNING)
+    bench.push(0, float("nan"))
+    graph.until(lambda: bool(said) and said[-1].values["no force because"] == "the command is not finite")
+    assert (said[-1].level, said[-1].message) == (DiagnosticStatus.WARN, "no force: the command is not finite")
+    bench.push(1, 5.0)
+    graph.until(lambda: said[-1].values["no force because"] == "")
+
+
 def test_started_in_the_middle_of_a_trial_it_says_at_once_that_it_waits(graph: Any) -> None:
     graph.make(AdmittanceSimNode, "pacing:=realtime", "recovery:=explicit")
     trials, said = graph.publisher(topics.TRIAL_STATE), graph.diagnostics("admittance_sim")

@@ -51,6 +51,7 @@ class AdmittanceSimNode(RigNode):
         self._lateness = Lateness(self._timeout)
         self._looked = 0  # [ns] when the watchdog last looked; 0 before it does
         self._latch: FaultLatch[str] = FaultLatch(loop.recovery == "explicit")
+        self._refused: str | None = None  # why the last command was no force
         self._zero = np.zeros(3)
         self._command = topics.COMMAND.wire()
         self._state = topics.END_EFFECTOR.wire()
@@ -68,6 +69,7 @@ class AdmittanceSimNode(RigNode):
         self._armed_at = time.monotonic_ns()
         self._dropped = self._late = self._gaps = self._losses = 0
         self._lateness.reset()
+        self._refused = None
         self._silence.heard()
         self._latch.clear()
         if trial.phase == TrialState.PHASE_RUNNING:
@@ -91,13 +93,13 @@ class AdmittanceSimNode(RigNode):
         self.note_loss(kept if kept is not None else lost)
 
     def _stand_in(self) -> str | None:
-        """Go on under no force while no command comes; returns what is lost."""
+        """Go on under no force while no command comes; returns what is lost, the commands or what the last one said."""
         # Before its first command of a trial the robot stands, and after its last tick it has nothing to follow.
         if self.trial.phase != TrialState.PHASE_RUNNING or not self.ticks_done:
             return None
         was_silent = self._silence.silent
         if not self._silence.look():
-            return None
+            return self._refused
         # Again at each look: to clear it while the silence lasts is to clear what has not been lost yet.
         self._latch.hold(_NO_COMMAND)
         if not was_silent:
@@ -148,10 +150,10 @@ class AdmittanceSimNode(RigNode):
             self._agent.step(self._zero)
             self.ticks_done += 1
             self._gaps += 1
-        force = command["wrench.force"]
+        force, self._refused = command["wrench.force"], None
         if not all(map(math.isfinite, force.tolist())):
             self._dropped += 1
-            self._latch.hold("the command is not finite")
+            self._refused = self._latch.hold("the command is not finite")
             force = self._zero
         self._move(tick, force if self._latch.kept is None else self._zero, begin)
 
