@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 # Imported for the rows that they put into the table, in this order.
-from rig_bringup.faults import commands, inputs, machine, network, nodes, people, starts  # noqa: F401
+from rig_bringup.faults import commands, inputs, machine, network, nodes, people, sessions, starts  # noqa: F401
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
 from rig_bringup.faults.rows import ROWS, NotHereError, Row, Seen, run
 from rig_bringup.interrupts import held_back, let_in

@@ -17,6 +17,7 @@ from rig_runtime import topics
 from rig_runtime.clocks import wall_ahead_of_steady
 from rig_runtime.node import RigNode
 from rig_runtime.ticks import from_stamp, to_stamp
+from shared_control.decision import Mode
 
 #: [N] What a good hand pushes at least.
 PUSH = 5.0
@@ -168,6 +169,24 @@ class Hand(RigNode):
         moved = self.motions
         last = max((k for k, heard in enumerate(moved[:-1]) if heard.force), default=-1)
         return moved[last + 1].at
+
+    def coasting(self, since: float) -> float | None:
+        """When the task published the first state that it had come to under no force, for want of a motion.
+
+        Of those that it published after a time; None if there is none [s, steady clock].
+        """
+        for state in self.states:
+            if state.held and not any(state.control):
+                due = 1e-9 * (from_stamp(state.header.stamp) - wall_ahead_of_steady())
+                at = due + float(state.delay + state.compute_time)
+                if at > since:
+                    return at
+        return None
+
+    def judged(self, mode: str, threshold: float) -> bool:
+        """Whether the newest decision was made in this mode and with this threshold."""
+        decided = next(reversed(self.account.decided.values()), None)
+        return decided is not None and decided.mode is Mode[mode.upper()] and decided.threshold == threshold
 
     def warned(self, node: str, key: str) -> int:
         """A count in a node's diagnostics."""

@@ -160,24 +160,6 @@ def _two_publishers(graph: LiveGraph, _: int) -> Seen:
         graph.hand.destroy_publisher(second)
 
 
-@row("graph/two on one domain", "another graph's topics, under another namespace", "not heard")
-def _other_graph(graph: LiveGraph, _: int) -> Seen:
-    other = graph.hand.create_publisher(WrenchStamped, f"/other/{topics.WRENCH.name}", topics.WRENCH.qos)
-
-    def both(stamp: int, tick: int) -> None:
-        message = WrenchStamped()
-        message.header.stamp, message.header.frame_id = to_stamp(stamp), topics.SENSOR_FRAME
-        message.wrench.force.x = POISON
-        other.publish(message)
-        graph.hand.push(stamp, tick)
-
-    graph.hand.answer = both
-    graph.ticks(50)
-    graph.hand.destroy_publisher(other)
-    expect_every_tick_once(graph)
-    return Seen([])
-
-
 # -- the state -----------------------------------------------------------------------------------------------------
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -24,12 +23,12 @@ from rig_bag import BagError, read
 from rig_bag.repair import repair
 from rig_bag.verify import Verification, verify
 from rig_bringup.faults.hand import Hand
+from rig_bringup.faults.stalls import Stalls
 from rig_bringup.graph_process import GraphProcess
 from rig_bringup.scenario import parameter_file
 from rig_bringup.up import scheduling
 from rig_runtime import topics
 from rig_runtime.run import make_executor, wait_until
-from shared_control.decision import Mode
 
 #: [s] How long anything may take that is not measured: starting a node, going on after a fault.
 _PATIENCE = 120.0
@@ -42,26 +41,6 @@ T = TypeVar("T")
 
 class FaultError(Exception):
     """What must follow a fault did not; the message says what was seen."""
-
-
-class Stalls(threading.Thread):
-    """How late a sleep of a millisecond is: whether this process, and perhaps the machine, stood still meanwhile."""
-
-    def __init__(self) -> None:
-        super().__init__(name="stalls", daemon=True)
-        self._over = threading.Event()
-        #: [s] The latest since it was last set to zero.
-        self.worst = 0.0
-
-    def run(self) -> None:
-        while not self._over.is_set():
-            begin = time.monotonic()
-            time.sleep(1e-3)
-            self.worst = max(self.worst, time.monotonic() - begin - 1e-3)
-
-    def end(self) -> None:
-        self._over.set()
-        self.join()
 
 
 class LiveGraph:
@@ -242,6 +221,15 @@ class LiveGraph:
         self.still()
         return max(self.hand.first_still - since, 0.0)
 
+    def coasting_after(self, since: float) -> float:
+        """How long after a loss the task published a state that it had come to under no force [s]."""
+        hand = self.hand
+        with self.noting_stalls():
+            self.wait(lambda: hand.coasting(since) is not None, "the task has not gone over to zero force", limit=10.0)
+        coasting = hand.coasting(since)
+        assert coasting is not None
+        return coasting - since
+
     def stays_zero(self, since: float) -> None:
         """Up to now the robot has moved under no force from a time on [s, steady clock].
 
@@ -266,16 +254,16 @@ class LiveGraph:
         finally:
             self.stalls.append(self._stalls.worst)
 
-    def judge(self, mode: str, threshold: float = 0.0) -> None:
-        """Have the filter judge in this mode, and wait until it does."""
-        self.change("mig_filter", mode=mode, threshold=threshold)
-        wanted, account = Mode[mode.upper()], self.hand.account
+    def judge(self, mode: str, threshold: float = 0.0, **more: object) -> None:
+        """Have the filter judge in this mode, with other parameters changed as well, and wait until it does.
 
-        def in_force() -> bool:
-            decided = next(reversed(account.decided.values()), None)
-            return decided is not None and decided.mode is wanted and decided.threshold == threshold
-
-        self.wait(in_force, f"no decision has been in the mode {mode}")
+        Raises
+        ------
+        FaultError: it refuses to, or does not.
+        """
+        if refusals := self.change("mig_filter", mode=mode, threshold=threshold, **more):
+            raise FaultError(f"the filter refuses a change that is allowed: {refusals[0]}")
+        self.wait(lambda: self.hand.judged(mode, threshold), f"no decision has been in the mode {mode}")
         self.mode = mode
 
     def change(self, node: str, **parameters: object) -> list[str]:
@@ -291,6 +279,12 @@ class LiveGraph:
             if wait_until(future.done, self.executor, 2.0):
                 return [result.reason or "refused" for result in future.result().results if not result.successful]
         raise FaultError(f"{node} did not answer a change of its parameters")
+
+    def ready(self) -> None:
+        """As a row finds it, whatever the one before has left."""
+        if self.mode != "off":
+            self.judge("off")
+        self.recover()
 
     def recover(self) -> None:
         """A good hand again, until the robot follows it."""

@@ -200,6 +200,9 @@ def _memory(graph: LiveGraph, _: int) -> Seen:
     graph.recover()
     if twice := [tick for tick, count in graph.hand.decided.items() if count > 1]:
         raise FaultError(f"{len(twice)} ticks were decided twice")
+    if taken < _SOME:
+        swap = "" if len(Path("/proc/swaps").read_text().splitlines()) > 1 else ", and this machine has none"
+        raise NotHereError(f"needs swap: {1e-6 * taken:.1f} MB could be taken{swap}")
     first = f"locked: {1e-6 * from_locked:.1f} MB; " if locked else ""
     return Seen([], f"{first}not locked: {1e-6 * taken:.0f} MB taken and needed again, {still} ticks under no force")
 

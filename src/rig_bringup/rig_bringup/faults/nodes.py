@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import random
 import time
-from collections.abc import Callable
+from typing import Any
 
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
-
+from mig_interfaces.msg import TrialState
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
 from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, in_every_mode, row
 from rig_runtime import topics
+from rig_runtime.run import wait_until
 from shared_control.filter import Reason
 
 #: Most injections of a fault after which a process has to be started again, which takes a second or two.
@@ -67,30 +66,35 @@ row("task/killed", "the task is killed (-9) and started again", "the robot under
 )
 
 
-def _without_robot(graph: LiveGraph, lose: Callable[[], float], restore: Callable[[], None]) -> Seen:
-    """The task goes on under zero force: held states whose control is zero."""
-    graph.hand.states.clear()
-    lose()
-    graph.wait(
-        lambda: any(state.held and not any(state.control) for state in graph.hand.states),
-        "the task has not gone over to zero force",
-        limit=10.0,
-    )
-    restore()
-    graph.hand.motions.clear()
-    graph.recover()
-    held = sum(state.held for state in graph.hand.states)
-    return Seen([], f"{held} ticks held or without force")
+def _without_robot(restart: bool) -> Inject:
+    """The task holds the last motion and then goes on under zero force, until the robot is back."""
+
+    def inject(graph: LiveGraph, repeats: int) -> Seen:
+        zero, hand = [], graph.hand
+        for _ in range(min(repeats, MOST_STARTS) if restart else repeats):
+            hand.states.clear()
+            since = graph.kill("admittance_sim") if restart else graph.stop("admittance_sim")
+            try:
+                zero.append(graph.coasting_after(since))
+                hand.states.clear()
+                graph.ticks(10)
+                if any(any(state.control) for state in hand.states):
+                    raise FaultError("the task went on under a force before the robot was back")
+            finally:
+                graph.start("admittance_sim") if restart else graph.resume("admittance_sim")
+            hand.motions.clear()
+            graph.recover()
+        return Seen(zero)
+
+    return inject
 
 
-@row("robot/stopped", "the robot is stopped (SIGSTOP)", "the task holds the motion, then goes on under zero force")
-def _robot_stopped(graph: LiveGraph, _: int) -> Seen:
-    return _without_robot(graph, lambda: graph.stop("admittance_sim"), lambda: graph.resume("admittance_sim"))
-
-
-@row("robot/killed", "the robot is killed (-9) and started again", "as stopped; from rest when it is back")
-def _robot_killed(graph: LiveGraph, _: int) -> Seen:
-    return _without_robot(graph, lambda: graph.kill("admittance_sim"), lambda: graph.start("admittance_sim"))
+row("robot/stopped", "the robot is stopped (SIGSTOP)", "the task holds the motion, then zero force; goes on", LIMIT)(
+    _without_robot(restart=False)
+)
+row("robot/killed", "the robot is killed (-9) and started again", "as stopped; from rest when it is back", LIMIT)(
+    _without_robot(restart=True)
+)
 
 
 @row("recorder/stopped", "the recorder is stopped (SIGSTOP) for a second", "the loop does not notice, nothing is lost")
@@ -104,10 +108,16 @@ def _recorder_stopped(graph: LiveGraph, _: int) -> Seen:
     return Seen([])
 
 
-@row("recorder/killed", "the recorder is killed (-9) and started again", "the loop goes on; its bag is repaired")
+@row(
+    "recorder/killed",
+    "the recorder is killed (-9) at a random moment and started again",
+    "the loop goes on; its bag is repaired, and holds every decision up to its end or says that it lacks it",
+)
 def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
-    remark = ""
-    for _ in range(min(repeats, MOST_STARTS)):
+    moments, remark, count = random.Random(9), "", min(repeats, MOST_STARTS)
+    for _ in range(count):
+        # In any phase of the second between two flushes.
+        graph.ticks(moments.randrange(1, 200))
         graph.hand.forget()
         graph.kill("recorder")
         graph.ticks(100)
@@ -116,7 +126,7 @@ def _recorder_killed(graph: LiveGraph, repeats: int) -> Seen:
             remark = graph.repair()
         finally:
             graph.new_bag()
-    return Seen([], f"{min(repeats, MOST_STARTS)} of {min(repeats, MOST_STARTS)} bags repaired; the last: {remark}")
+    return Seen([], f"{count} of {count} bags repaired; the last: {remark}")
 
 
 @row(
@@ -164,74 +174,118 @@ def _filter_overrun(graph: LiveGraph, _: int) -> Seen:
     return Seen([zero], f"{2 * topics.DEPTH} ticks without a filter")
 
 
-@row("filter/overruns", "a controller that needs a hundred ticks for one", "what comes late is dropped: no force")
+@row("filter/overruns", "a controller that needs a hundred ticks for one", "what is late is dropped: no force", LIMIT)
 def _filter_slow(graph: LiveGraph, _: int) -> Seen:
-    graph.replace_filter(
-        mode="assistance",
-        horizon=60.0,
-        controller_iterations=1000,
-        controller_tolerance=0.0,
-        threshold=-1e9,
-    )
-    graph.hand.forget()
+    hand = graph.hand
+    # Off, it is as fast as any other.
+    graph.replace_filter(horizon=60.0, controller_iterations=1000, controller_tolerance=0.0)
     try:
-        graph.wait(lambda: graph.hand.slowest > 10.0 * LIMIT, "the slow filter has not taken long over a decision")
-        slowest = graph.hand.slowest
-        graph.hand.forget()
+        graph.recover()
+        hand.forget()
+        graph.ticks(5)
+        graph.change("mig_filter", mode="assistance", threshold=-1e9)
+        graph.still()
+        followed = [heard for heard in hand.motions if heard.force]
+        zero = hand.first_still - hand.account.pushed[followed[-1].stamp].at
+        graph.wait(lambda: hand.slowest > 10.0 * LIMIT, "the slow filter has not taken long over a decision")
+        slowest = hand.slowest
+        hand.forget()
         graph.ticks(150)
-        forces = {heard.force for heard in graph.hand.motions}
-        if len(graph.hand.motions) < 100 or forces - {0.0}:
-            raise FaultError(f"{len(graph.hand.motions)} motions under {sorted(forces)} N; each should be under none")
+        forces = {heard.force for heard in hand.motions}
+        if len(hand.motions) < 100 or forces - {0.0}:
+            raise FaultError(f"{len(hand.motions)} motions under {sorted(forces)} N; each should be under none")
     finally:
         graph.replace_filter()
     graph.recover()
-    return Seen([], f"a decision took {slowest:.1f} s")
+    return Seen([zero], f"a decision took {slowest:.1f} s")
+
+
+def _late_states(graph: LiveGraph, repeats: int) -> Seen:
+    """Of a task that was stopped for longer than `state_timeout` and catches up."""
+    zero, count = [], 0
+    for _ in range(repeats):
+        since = graph.stop("task_sim")
+        try:
+            zero.append(graph.zero_after(since))
+            time.sleep(0.2)
+        finally:
+            graph.resume("task_sim")
+        graph.ticks(40)
+        reasons = [decided.reason for decided in graph.hand.account.decided.values()]
+        count = reasons.count(Reason.STALE_STATE)
+        if not count:
+            raise FaultError("no decision gave the reason stale_state")
+        graph.recover()
+    return Seen(zero, f"{count} ticks")
 
 
 @row(
     "state/stale",
     "the states come late by 0.3 s, with state_timeout at 0.05",
     "no force, stale state; goes on by itself",
+    LIMIT,
 )
-def _stale_states(graph: LiveGraph, _: int) -> Seen:
+def _stale_states(graph: LiveGraph, repeats: int) -> Seen:
     graph.replace_filter(state_timeout=0.05)
-    graph.recover()
-    graph.stop("task_sim")
-    time.sleep(0.3)
-    graph.resume("task_sim")
-    graph.ticks(40)
-    count = sum(decided.reason is Reason.STALE_STATE for decided in graph.hand.account.decided.values())
-    if not count:
-        raise FaultError("no decision gave the reason stale_state")
-    graph.replace_filter()
-    return Seen([], f"{count} ticks")
+    try:
+        graph.recover()
+        return in_every_mode(_late_states)(graph, repeats)
+    finally:
+        graph.replace_filter()
+
+
+#: Changes of the filter's parameters that must be refused: each is too small, no number, of another type, or not one
+#: that changes in flight.
+_WRONG: tuple[dict[str, object], ...] = (
+    {"dead_zone": -1.0},
+    {"threshold": math.nan},
+    {"contraction": "much"},
+    {"mode": "fast"},
+    {"max_force": -1.0},
+    {"max_force": math.nan},
+    {"horizon": 2.0},
+)
 
 
 @row(
     "parameters/changed",
-    "a hundred changes at random moments, one in three not allowed",
-    "refused or in force; each tick once",
+    "a hundred changes at random moments, one in three not allowed; more while a trial is armed",
+    "refused, or in force from a tick on; each tick once",
 )
 def _parameters(graph: LiveGraph, _: int) -> Seen:
-    client = AsyncParameterClient(graph.hand, "mig_filter")
-    graph.wait(client.services_are_ready, "the filter's parameters are not served")
-    graph.hand.forget()
-    moments, refused = random.Random(3), 0
+    hand, moments, refused = graph.hand, random.Random(3), 0
+
+    def good(k: int) -> dict[str, Any]:
+        forces = moments.choice([50.0, 10_000.0])
+        mode = moments.choice(["off", "training", "assistance"])
+        return {"mode": mode, "threshold": float(k % 7), "dead_zone": 0.0, "max_force": forces}
+
+    def wrong() -> None:
+        parameters = moments.choice(_WRONG)
+        if not graph.change("mig_filter", **parameters):
+            raise FaultError(f"a change to {parameters} was taken")
+
+    hand.forget()
     for k in range(100):
-        wrong = [
-            Parameter("dead_zone", value=-1.0),
-            Parameter("threshold", value=math.nan),
-            Parameter("contraction", value="much"),
-            Parameter("horizon", value=2.0),  # not one that changes in flight
-        ]
-        good = [Parameter("threshold", value=float(k % 7)), Parameter("dead_zone", value=0.0)]
-        bad = k % 3 == 0
-        future = client.set_parameters([moments.choice(wrong)] if bad else good)
-        graph.wait(future.done, "the filter did not answer a change of its parameters")
-        taken = all(result.successful for result in future.result().results)
-        if taken == bad:
-            raise FaultError(f"change {k} was {'taken' if taken else 'refused'}, and should not have been")
-        refused += bad
+        if k % 3 == 0:
+            wrong()
+            refused += 1
+        else:
+            graph.judge(**good(k))
         graph.ticks(moments.randrange(3))
     expect_every_tick_once(graph)
-    return Seen([], f"{refused} refused")
+    uid, armed, changed = hand.trial.uid, 0, good(0)
+    graph.kill("task_sim")
+    graph.start("task_sim")
+    while hand.trial.uid == uid or hand.trial.phase != TrialState.PHASE_RUNNING:
+        wrong()
+        changed = good(armed)
+        if refusals := graph.change("mig_filter", **changed):
+            raise FaultError(f"while a trial was armed {changed} was refused: {refusals[0]}")
+        armed += 1
+        wait_until(lambda: False, graph.executor, 0.02)
+    graph.wait(lambda: hand.judged(changed["mode"], changed["threshold"]), "what was changed is not in force")
+    graph.judge("off", dead_zone=0.0, max_force=10_000.0)
+    graph.recover()
+    expect_every_tick_once(graph)
+    return Seen([], f"{refused} of 100 refused; {armed} while a trial was armed")

@@ -1,10 +1,10 @@
-"""Faults of those who push and lead: the user, the display with a person at its page, the conductor of a session."""
+"""Faults of those who push: the user, and the display with a person at its page."""
 
 from __future__ import annotations
 
-import signal
+import math
+import random
 import socket
-import sys
 import time
 from pathlib import Path
 from types import TracebackType
@@ -17,14 +17,14 @@ from mig_interfaces.msg import TrialState
 from rig_bringup.faults.account import Pushed
 from rig_bringup.faults.hand import PUSH, good_force
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
-from rig_bringup.faults.marked import Marked
 from rig_bringup.faults.nodes import MOST_STARTS
 from rig_bringup.faults.page import Page
-from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_reason, expect_whole_bag, row
+from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, expect_reason, row
 from rig_display.hand import STALLED
 from rig_runtime.run import wait_until
-from rig_study.session import LOG, events
 from shared_control.filter import Reason
+
+_SAMPLE = 10_000_000  # [ns]
 
 # -- the user ------------------------------------------------------------------------------------------------------
 
@@ -82,6 +82,13 @@ row("user/stopped", "the user is stopped (SIGSTOP)", "no force, stale wrench; go
 row("user/killed", "the user is killed (-9) and started again", "the same", LIMIT, UserGraph)(_user(restart=True))
 
 
+def free_port() -> int:
+    """One that nobody listens at."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
 # -- a person at the page ------------------------------------------------------------------------------------------
 
 
@@ -92,9 +99,7 @@ class PersonGraph(LiveGraph):
     nodes: ClassVar = {**LiveGraph.nodes, "display": ("rig_display", "display")}
 
     def __init__(self, folder: Path, namespace: str = "faults") -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self._port = free.getsockname()[1]
+        self._port = free_port()
         self.page: Page | None = None
         super().__init__(folder, namespace)
 
@@ -133,22 +138,27 @@ class PersonGraph(LiveGraph):
             self.page.end()
         super().__exit__(kind, error, trace)
 
-    def kept(self, since: float, *said: str) -> float:
+    def kept(self, since: float, node: str, why: str) -> float:
         """The page pushes again, and no force follows: the fault is kept, and said where people look.
 
         Returns how long after a loss [s] the last force had been followed by none.
 
         Raises
         ------
-        FaultError: a force was admitted, or it is not said.
+        FaultError: a force was admitted, or neither `/diagnostics` nor the page says of this node why there is none.
         """
         page, hand = self.page, self.hand
         assert page is not None
+
+        def in_diagnostics() -> bool:
+            return hand.diagnostics.get(node, (b"",))[0] == DiagnosticStatus.ERROR and why in hand.said[node]
+
+        self.wait(in_diagnostics, f"/diagnostics does not say of {node}: {why}", limit=30.0)
         self.wait(
-            lambda: any(hand.diagnostics.get(node, (b"",))[0] == DiagnosticStatus.ERROR for node in said),
-            "/diagnostics does not say that there is no force",
+            lambda: any(node in fault and why in fault for fault in page.status.get("faults", [])),
+            f"the page does not say of {node}: {why}",
+            limit=30.0,
         )
-        self.wait(lambda: bool(page.status.get("faults")), "the page does not say that there is no force")
         self.wait(lambda: page.driving and time.monotonic() - page.last_push < 0.1, "the page does not push again")
         self.wait(lambda: time.monotonic() - hand.last_good < 0.1, "what the page pushes is not heard here")
         self.ticks(5)
@@ -159,6 +169,25 @@ class PersonGraph(LiveGraph):
         if forces := {heard.force for heard in hand.motions} - {0.0}:
             raise FaultError(f"{sorted(forces)} N were admitted before anybody had cleared the fault")
         return zero
+
+    def ready(self) -> None:
+        """As for any graph; what was kept because the machine stood still is released."""
+        if self.page is not None and self.page.status.get("faults"):
+            self.release()
+        super().ready()
+
+    def flows(self, otherwise: str) -> None:
+        """The robot follows the page again without anybody's having to release anything.
+
+        Raises
+        ------
+        FaultError: it does not.
+        """
+        page = self.page
+        assert page is not None
+        self.hand.motions.clear()
+        if not wait_until(lambda: self.hand.flowing, self.executor, 20.0):
+            raise FaultError(f"{otherwise} within 20 s; the page says {page.status.get('faults')}")
 
     def release(self) -> None:
         """Press Release, which clears what is kept, until the robot follows."""
@@ -172,43 +201,47 @@ class PersonGraph(LiveGraph):
         raise FaultError(f"no force after Release was pressed; the page says {page.status.get('faults')}")
 
 
-def _person(node: str, *, restart: bool) -> Inject:
+def _person(node: str, says: str, why: str, *, restart: bool) -> Inject:
     """A node of a graph with a person is stopped or killed, comes back, and nothing is admitted until Release."""
 
     def inject(graph: PersonGraph, repeats: int) -> Seen:
         zero = []
         for _ in range(min(repeats, MOST_STARTS)):
+            graph.hand.states.clear()
             since = graph.kill(node) if restart else graph.stop(node)
             try:
                 if node == "admittance_sim":
                     # What it does not move, nobody sees moving: the task's own state says that there is no force.
-                    graph.hand.states.clear()
-                    graph.wait(
-                        lambda: any(state.held and not any(state.control) for state in graph.hand.states),
-                        "the task has not gone over to zero force",
-                        limit=10.0,
-                    )
+                    zero.append(graph.coasting_after(since))
                 else:
                     graph.still()
             finally:
                 graph.start(node) if restart else graph.resume(node)
-            after = graph.kept(since, "mig_filter", "admittance_sim")
+            after = graph.kept(since, says, why)
             zero += [] if node == "admittance_sim" else [after]
             graph.release()
-        return Seen(zero)
+        return Seen(zero, f"{says}: {why}")
 
     return inject
 
 
 _UNTIL = "no force until Release, the reason in /diagnostics and on the page"
-for _node, _name in (("display", "display"), ("mig_filter", "filter"), ("admittance_sim", "robot")):
-    _within = None if _name == "robot" else LIMIT
-    row(f"person/{_name} stopped", f"with a person: the {_name} is stopped (SIGSTOP)", _UNTIL, _within, PersonGraph)(
-        _person(_node, restart=False)
+
+#: Who is lost, who says so, and what, stopped and killed; a task that was killed begins no trial by itself.
+_LOST = (
+    ("display", "display", "mig_filter", "stale wrench", "stale wrench"),
+    ("filter", "mig_filter", "admittance_sim", "no command came in time", "no command came in time"),
+    ("robot", "admittance_sim", "admittance_sim", "it stood still itself", "it was started in the middle of a trial"),
+    ("task", "task_sim", "admittance_sim", "no command came in time", ""),
+)
+for _name, _node, _says, _stopped, _killed in _LOST:
+    row(f"person/{_name} stopped", f"with a person: the {_name} is stopped (SIGSTOP)", _UNTIL, LIMIT, PersonGraph)(
+        _person(_node, _says, _stopped, restart=False)
     )
-    row(f"person/{_name} killed", f"with a person: the {_name} is killed (-9)", _UNTIL, _within, PersonGraph)(
-        _person(_node, restart=True)
-    )
+    if _killed:
+        row(f"person/{_name} killed", f"with a person: the {_name} is killed (-9)", _UNTIL, LIMIT, PersonGraph)(
+            _person(_node, _says, _killed, restart=True)
+        )
 
 
 @row(
@@ -227,9 +260,49 @@ def _person_task(graph: PersonGraph, repeats: int) -> Seen:
         graph.start("task_sim")
         graph.wait(lambda: graph.hand.trial.phase == TrialState.PHASE_IDLE, "the task has not come back")
         graph.start_trial()
-        graph.hand.motions.clear()
-        graph.wait(lambda: graph.hand.flowing, "the new trial does not flow")
+        graph.flows("the robot does not follow in the new trial")
     return Seen(zero)
+
+
+@row("person/wrench nan", "with a person: one wrench is NaN", _UNTIL, 0.03, PersonGraph)
+def _person_bad_wrench(graph: PersonGraph, repeats: int) -> Seen:
+    hand, zero, since = graph.hand, [], 0.0
+
+    def disturb(stamp: int, tick: int) -> None:
+        """For the next tick, so that it comes before the display's."""
+        nonlocal since
+        since = time.monotonic()
+        hand.say(stamp + _SAMPLE, math.nan)
+        hand.answer = hand.watch
+
+    for _ in range(repeats):
+        hand.answer = disturb
+        graph.still()
+        zero.append(graph.kept(since, "mig_filter", "non finite wrench"))
+        graph.release()
+    return Seen(zero, "mig_filter: non finite wrench")
+
+
+@row(
+    "person/recorder killed",
+    "with a person: the recorder is killed (-9) at a random moment, restarted",
+    "the loop goes on, no fault is kept; its bag is repaired",
+    on=PersonGraph,
+)
+def _person_recorder(graph: PersonGraph, repeats: int) -> Seen:
+    moments, remark = random.Random(10), ""
+    for _ in range(min(repeats, MOST_STARTS)):
+        graph.ticks(moments.randrange(1, 200))
+        graph.hand.forget()
+        graph.kill("recorder")
+        graph.ticks(100)
+        try:
+            expect_every_tick_once(graph)
+            graph.flows("the robot does not follow")
+            remark = graph.repair()
+        finally:
+            graph.new_bag()
+    return Seen([], remark)
 
 
 @row(
@@ -248,8 +321,7 @@ def _page_silent(graph: PersonGraph, repeats: int) -> Seen:
         zero.append(graph.hand.first_still - page.last_push)
         graph.wait(lambda: page.status["hand"]["reason"] == STALLED, "the page is not told")
         page.pushing = True
-        graph.hand.motions.clear()
-        graph.wait(lambda: graph.hand.flowing, "the page's hand does not count again")
+        graph.flows("the page's hand does not count again")
     return Seen(zero)
 
 
@@ -262,96 +334,5 @@ def _page_closed(graph: PersonGraph, repeats: int) -> Seen:
         graph.still()
         zero.append(graph.hand.first_still - page.last_push)
         page.open = True
-        graph.hand.motions.clear()
-        graph.wait(lambda: graph.hand.flowing, "the page's hand does not count again")
+        graph.flows("the page's hand does not count again")
     return Seen(zero)
-
-
-# -- the conductor -------------------------------------------------------------------------------------------------
-
-_PROTOCOL = """
-study: {scenario: SCENARIO, duration: 2.0, seed: 3}
-groups: {all: {subjects: 1, modes: [training, assistance]}}
-sets: {first: {trials: 1}, second: {trials: 1}}
-"""
-
-#: [s] For the graph to end after its conductor, and for a session of two short trials.
-_ENDS, _SESSION = 15.0, 120.0
-
-
-class _Session:
-    """A session of two short trials in real time, as its command."""
-
-    def __init__(self, folder: Path, name: str) -> None:
-        folder = folder / name
-        folder.mkdir()
-        (folder / "noise.yaml").write_text("/**/user_sim: {ros__parameters: {user: noise}}\n")
-        protocol = folder / "short.yaml"
-        protocol.write_text(_PROTOCOL.replace("SCENARIO", str(folder / "noise.yaml")))
-        self.log = folder / "sessions" / "S01" / LOG
-        self._output = folder / "output.log"
-        self._command = [sys.executable, "-m", "rig_bringup", "study", "run", str(protocol), "--subject", "S01"]
-        self._command += ["--pacing", "realtime", "--namespace", name, "--out", str(folder / "sessions")]
-
-    def start(self) -> Marked:
-        return Marked(self._command, self._output)
-
-    def begun(self) -> int:
-        """How many trials were begun."""
-        return sum(event["event"] == "started" for event in events(self.log)) if self.log.exists() else 0
-
-    def check(self) -> int:
-        """Both trials ran to their end, in bags that are whole; returns how many messages they hold."""
-        ended = [event for event in events(self.log) if event["event"] == "finished"]
-        if [event["position"] for event in ended] != [1, 2]:
-            raise FaultError(f"the session's log has these trials ended: {[event['trial'] for event in ended]}")
-        return sum(expect_whole_bag(Path(event["bag"])) for event in ended)
-
-
-@row(
-    "conductor/killed",
-    "a session's conductor is killed (-9) in a trial, and started again",
-    "its graph ends by itself; the same command goes on with that trial; each in a whole bag",
-    on=None,
-)
-def _conductor_killed(folder: Path, _: int) -> Seen:
-    session = _Session(folder, "conductor_killed")
-    with session.start() as conductor:
-        if not conductor.wait_for(lambda: session.begun() == 1, _SESSION):
-            raise FaultError(f"the session has not begun:\n{conductor.words()}")
-        conductor.wait_for(lambda: False, 1.0)
-        killed = time.monotonic()
-        conductor.signal(signal.SIGKILL)
-        if left := conductor.left(_ENDS):
-            raise FaultError(f"{_ENDS:.0f} s after its conductor was killed the graph is still there: {left}")
-        after = time.monotonic() - killed
-    before = session.log.read_bytes()
-    with session.start() as conductor:
-        if conductor.end(_SESSION) != 0:
-            raise FaultError(f"the session does not go on:\n{conductor.words()}")
-    if not session.log.read_bytes().startswith(before) or session.begun() != 3:
-        raise FaultError("the session's log does not go on where it was")
-    return Seen([], f"the graph had ended {after:.1f} s later; {session.check()} messages in two whole bags")
-
-
-@row(
-    "conductor/stopped",
-    "a session's conductor is stopped (SIGSTOP) for three seconds in a trial",
-    "the trial runs to its end without it; the next begins when it is back",
-    on=None,
-)
-def _conductor_stopped(folder: Path, _: int) -> Seen:
-    session = _Session(folder, "conductor_stopped")
-    with session.start() as conductor:
-        if not conductor.wait_for(lambda: session.begun() == 1, _SESSION):
-            raise FaultError(f"the session has not begun:\n{conductor.words()}")
-        conductor.signal(signal.SIGSTOP)
-        try:
-            conductor.wait_for(lambda: False, 3.0)
-        finally:
-            conductor.signal(signal.SIGCONT)
-        if conductor.end(_SESSION) != 0:
-            raise FaultError(f"the session does not go on:\n{conductor.words()}")
-    if session.begun() != 2:
-        raise FaultError("a trial was begun more than once")
-    return Seen([], f"{session.check()} messages in two whole bags")

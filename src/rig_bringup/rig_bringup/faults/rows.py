@@ -88,9 +88,7 @@ def run(graph: LiveGraph, row: Row, repeats: int) -> Seen:
     that tick, or what the filter says that its controller put in the place of that.
     NotHereError: it cannot be done on this machine.
     """
-    if graph.mode != "off":
-        graph.judge("off")
-    graph.recover()
+    graph.ready()
     graph.hand.forget()
     graph.hand.account.begin()
     # Collecting what the row before left takes as long as several ticks, and so does judging it; the hand is deaf
