@@ -176,6 +176,11 @@ class PersonGraph(LiveGraph):
             self.release()
         super().ready()
 
+    def recover(self) -> None:
+        """A person's hand again, until the robot follows it."""
+        self.hand.answer = self.good
+        self.flows("the robot does not follow")
+
     def flows(self, otherwise: str) -> None:
         """The robot follows the page again without anybody's having to release anything.
 
@@ -302,6 +307,8 @@ def _person_recorder(graph: PersonGraph, repeats: int) -> Seen:
             remark = graph.repair()
         finally:
             graph.new_bag()
+        # To repair and to start again is work beside the loop, and where processors are short a fault of its own.
+        graph.ready()
     return Seen([], remark)
 
 
