@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from admittance_sim_node.node import AdmittanceSimNode
 from mig_interfaces.msg import EndEffectorState, TrialState
 from rig_runtime import topics
+from rig_runtime.faults import LOOKS
 from shared_control.parameters import ParameterError
 from shared_control.scenario import LoopConfig
 
@@ -133,10 +134,14 @@ def test_commands_that_come_late_one_after_another_are_as_none(graph: Any) -> No
 
 def test_explicit_recovery_admits_nothing_until_it_is_cleared(graph: Any) -> None:
     # So long that a busy machine does not stand still for it on its own.
-    bench = Bench(graph, "pacing:=realtime", "recovery:=explicit", "command_timeout:=1.0")
+    bench = Bench(graph, "pacing:=realtime", "recovery:=explicit", "command_timeout:=5.0")
+    for timer in bench.node.timers:
+        timer.cancel()
     bench.trials.publish(trial(TrialState.PHASE_RUNNING))
     graph.until(lambda: bench.node.trial.phase == TrialState.PHASE_RUNNING)
     bench.push(0, 5.0)
+    for _ in range(LOOKS):
+        bench.node._watchdog()
     graph.until(lambda: len(bench.out) == 40)
     # Of a tick that has not been yet, so that they are in time.
     bench.commands.publish(wrench(139, 5.0))

@@ -50,6 +50,7 @@ def test_what_there_is_no_row_for_is_said(capsys) -> None:
 
 def test_a_row_that_was_not_come_to_has_failed_and_the_others_are_done(capfd, monkeypatch, tmp_path: Path) -> None:
     # The process that does the rows does not know of it, and ends.
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(62 + os.getpid() % 30))
     monkeypatch.setitem(ROWS, "unknown", Row("a row", "nothing", lambda *_: Seen([]), on=PersonGraph))
     out = tmp_path / "faults.json"
     assert main(["unknown", "start/node interrupted", "--out", str(out)]) == 1

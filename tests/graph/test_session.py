@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pytest
 
 import rig_bag
 from rig_bag.verify import verify
@@ -26,7 +25,7 @@ from rig_study.session import LOG, events
 from shared_control.trial import run_trial
 
 PROTOCOL = """
-study: {scenario: SCENARIO, duration: 1.0, seed: 3}
+study: {scenario: SCENARIO, duration: DURATION, seed: 3}
 groups: {all: {subjects: 1, modes: ["off", training, assistance]}}
 sets: {first: {trials: 1}, second: {trials: 1, break_before: 3.0}, third: {trials: 1}}
 """
@@ -36,10 +35,12 @@ MODES = {"off": 0, "training": 1, "assistance": 2}
 class Study:
     """The command line of a study of one subject and three trials, and the log of its session."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, duration: float = 1.0) -> None:
         (folder / "noise.yaml").write_text("/**/user_sim: {ros__parameters: {user: noise}}\n")
         self.protocol = folder / "short.yaml"
-        self.protocol.write_text(PROTOCOL.replace("SCENARIO", str(folder / "noise.yaml")))
+        self.protocol.write_text(
+            PROTOCOL.replace("SCENARIO", str(folder / "noise.yaml")).replace("DURATION", str(duration))
+        )
         self.sessions = folder / "sessions"
         self.log = self.sessions / "S01" / LOG
         self.surroundings = {**os.environ, "ROS_DOMAIN_ID": str(62 + os.getpid() % 30)}
@@ -99,17 +100,14 @@ def test_a_virtual_cohort_through_the_graph_is_the_cohort_headless(tmp_path: Pat
     assert noted == [job.scenario.user.skill for job in jobs]
 
 
-@pytest.fixture
-def study(tmp_path: Path) -> Study:
-    return Study(tmp_path)
-
-
-def test_a_session_is_killed_at_every_stage_and_ends_in_three_bags_and_a_report(study: Study, tmp_path: Path) -> None:
+def test_a_session_is_killed_at_every_stage_and_ends_in_three_bags_and_a_report(tmp_path: Path) -> None:
+    # So long that a trial has not ended by when it is found to have begun.
+    study = Study(tmp_path, duration=10.0)
     stages: dict[str, Callable[[], bool]] = {
         "before the first trial": lambda: bool(study.events("opened")),
         "in a trial": lambda: bool(study.events("started")),
-        "in the break before the second": lambda: len(study.events("finished")) == 1,
-        "between two trials": lambda: len(study.events("finished")) == 2,
+        "in the break before the second": lambda: len(study.events("finished")) >= 1,
+        "between two trials": lambda: len(study.events("finished")) >= 2,
         "after the last": lambda: len(study.events("finished")) == 3,
     }
     before = b""
@@ -130,7 +128,7 @@ def test_a_session_is_killed_at_every_stage_and_ends_in_three_bags_and_a_report(
         assert Path(event["bag"]).name == f"S01_{set_}_001_a{event['attempt']}"
         assert verify(event["bag"]).ok
         bag = rig_bag.read(event["bag"], ["/rig/mig_filter/decision", "/rig/trial/state"])
-        assert len(bag["/rig/mig_filter/decision"]) == 100
+        assert len(bag["/rig/mig_filter/decision"]) == 1000
         assert set(bag["/rig/mig_filter/decision"]["mode"]) == {MODES[mode]}
         last = bag["/rig/trial/state"][-1]
         value = last.__getitem__ if hasattr(last, "dtype") else lambda name, last=last: getattr(last, name)

@@ -172,11 +172,14 @@ HURRY = """async () => {
   Object.assign(hand, { task: { limits: [40, 0, 0] }, driving: true, here: true });
   hand.send();
   const event = performance.now();
+  // However long this takes, it is one moment.
+  performance.now = () => event;
   hand.note({ timeStamp: event });
   const atOnce = said.map(({ age }) => age !== null);
   hand.note({ timeStamp: event + 1e-3 });
   hand.note({ timeStamp: event + 2e-3 });
   const held = said.length;
+  delete performance.now;
   while (!said.slice(held).some(({ age }) => age !== null)) await new Promise((done) => setTimeout(done, 1));
   const { t, age } = said.slice(held).find(({ age }) => age !== null);
   return { atOnce, held, oldest: t - age - event };

@@ -115,6 +115,8 @@ def test_the_operator_chooses_one_session_after_another_and_resumes_the_first(co
         driver.get_by_text("Your session begins soon").wait_for()
         protocol, person, chosen = (operator.locator(f"#{name}") for name in ("protocol", "person", "chosen"))
         begin = operator.locator("#choose")
+        # What there is to choose from comes at once, but to each page on its own.
+        protocol.locator("option", has_text="short").wait_for(state="attached")
         assert {"broken", "demo", "paper", "short"} <= set(protocol.locator("option").all_inner_texts())
         protocol.select_option("broken")
         assert "did you mean trials" in chosen.inner_text()

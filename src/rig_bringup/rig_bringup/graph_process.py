@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -29,7 +30,7 @@ class GraphProcess:
             stderr=subprocess.STDOUT,
             env={**os.environ, **environment},
             start_new_session=True,
-            preexec_fn=_end_with_parent,  # noqa: PLW1509 it takes no lock
+            preexec_fn=partial(_end_with_parent, os.getpid()),  # noqa: PLW1509 it takes no lock
         )
         self.log = log
         #: Whether it had to be killed, because it did not end when it was asked to.
@@ -88,11 +89,11 @@ class GraphProcess:
         return "\n".join(f"    {line}" for line in lines[-count:])
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(parent: int) -> None:
     """In the child, before it becomes the graph: have it interrupted if the parent dies without a word."""
     # A shell that starts us in the background has us ignore interrupts, which the graph would inherit for good.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    end_with_parent(signal.SIGINT)
+    end_with_parent(signal.SIGINT, parent)
 
 
 def _session_of(pid: int) -> int:

@@ -243,7 +243,8 @@ def _results(jobs: Mapping[str, Job], workers: int) -> Iterator[tuple[str, tuple
     first, *others = jobs
     yield first, _timed(jobs[first])
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
-    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context(method), initializer=_in_worker)
+    context = multiprocessing.get_context(method)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_in_worker, initargs=(os.getpid(),))
     try:
         futures = {pool.submit(_timed, jobs[key]): key for key in others}
         for future in as_completed(futures):
@@ -257,11 +258,11 @@ def _results(jobs: Mapping[str, Job], workers: int) -> Iterator[tuple[str, tuple
         pool.shutdown(cancel_futures=True)
 
 
-def _in_worker() -> None:
+def _in_worker(parent: int) -> None:
     # Ctrl-C reaches every process of the terminal: the first one ends the others, each after its trial.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    end_with_parent(signal.SIGKILL)
+    end_with_parent(signal.SIGKILL, parent)
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> Path:
