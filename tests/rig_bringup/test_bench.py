@@ -325,3 +325,9 @@ def test_a_loop_is_held_up_while_a_wake_up_is_overdue(stalls: list[float], begin
 
 def test_a_loop_that_has_not_woken_was_held_up_by_nothing() -> None:
     assert Wakes(1e-3, 5.0).held_up(5.0, 6.0) == 0.0
+
+
+def test_the_document_has_the_table_of_the_committed_file() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    said = (docs / "performance.md").read_text(encoding="utf-8")
+    assert f"{figures.BEGIN}\n{figures.markdown(compare.load(docs / 'bench.json'))}\n{figures.END}\n" in said
