@@ -61,7 +61,8 @@ def run_trial(scenario: str, seed: int, duration: float, processes: bool, out: P
     result = subprocess.run(command, check=False, capture_output=True, text=True, env=in_own_domain())
     speed = re.search(r"lockstep: (\S+) x", result.stdout)
     if result.returncode != 0 or speed is None:
-        raise BenchError(f"the trial did not run to its end: {result.stderr.strip()}")
+        said = f"{result.stdout.strip()[-500:]}\n{result.stderr.strip()}"
+        raise BenchError(f"the trial did not run to its end (exit code {result.returncode}): {said}")
     return float(speed[1])
 
 

@@ -72,6 +72,13 @@ class Monitor:
         wall = float(pacing.get("wall time [s]", 0.0))
         return float(pacing["trial time [s]"]) / wall if self.over and wall > 0.0 else None
 
+    @property
+    def pace_known(self) -> bool:
+        """Whether a trial in lockstep that ran to its end has said how fast; of others nobody asks."""
+        trial = self.trial
+        asked = trial is not None and trial.pacing == TrialState.PACING_LOCKSTEP
+        return not asked or trial.phase != TrialState.PHASE_FINISHED or self.speed() is not None
+
     def _on_trial(self, message: TrialState) -> None:
         self.trial = message
 

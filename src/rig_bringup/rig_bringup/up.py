@@ -288,7 +288,8 @@ def _watch(graph: GraphProcess, namespace: str, sampler: Sampler) -> int:
             line.show(monitor.progress())
             sampler(graph)
         limit = time.monotonic() + _CLOSE_LIMIT
-        while not monitor.bag_closed and graph.exit_code is None and time.monotonic() < limit:
+        # In a short trial the one message that tells its pace may be missed; the next comes within a second.
+        while not (monitor.bag_closed and monitor.pace_known) and graph.exit_code is None and time.monotonic() < limit:
             interrupts.check()
             monitor.wait(0.1)
         line.show(monitor.progress(), last=True)
