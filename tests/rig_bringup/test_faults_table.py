@@ -33,7 +33,8 @@ def test_every_row_stands_in_the_table_once_with_its_limit() -> None:
 
 def test_every_line_says_what_is_done_and_the_tests_that_it_names_are_there() -> None:
     text = (ROOT / "tests" / "graph" / "test_faults.py").read_text()
-    live = {name for chosen in re.findall(r"^(?:ZERO|OTHERS) = \((.*?)\)", text, re.MULTILINE) for name in chosen.split('"')}
+    chosen = re.findall(r"^(?:ZERO|OTHERS) = \((.*?)\)", text, re.MULTILINE)
+    live = {name for names in chosen for name in names.split('"')}
     for cells in table():
         assert len(cells) == COLUMNS
         assert all(cells[:4]), cells
