@@ -349,6 +349,7 @@ def test_a_filter_and_a_task_that_do_not_answer_are_on_the_pages(bench: Callable
 
     at.until(lambda: "loss" in page.status)
     tick_until(r"no force for 0\.\d\d s: the filter does not answer", at.tick)
+    assert page.status["decision"] is None, "one of long ago is none of now"
     tick_until(r"no force for \d\.\d+ s until 0\.\d s ago: the filter does not answer", decide)
     tick_until("", decide)
     at.until(lambda: page.status["loss"].endswith(": the task does not answer"))

@@ -38,7 +38,7 @@ class Feed:
         self.troubles: dict[str, str] = {}
         #: Why there is no force at this moment, a sentence; empty while there may be some.
         self.loss = ""
-        #: The newest verdict with its reason, in words.
+        #: The newest verdict with its reason, in words; None if it is long ago.
         self.decision: str | None = None
         #: How far the session is; None where none is led.
         self.session: dict[str, Any] | None = None

@@ -202,6 +202,8 @@ class DisplayNode(RigNode):
         return self.trial.phase == TrialState.PHASE_RUNNING and self.ticks_done > 0
 
     def _tell_loss(self) -> None:
+        if self._losses.decisions.silent:
+            self.feed.decision = None
         self.feed.loss, news = self._losses.tell(time.monotonic_ns(), self._running)
         if news:
             self.server.call(self.seat.on_change)

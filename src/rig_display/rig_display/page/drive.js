@@ -78,7 +78,7 @@ function next() {
     return { title: "Stopped", text, act: mine && ["Release", () => link.say("release")] };
   }
   if (status.faults.length) {
-    const text = `${status.faults.join("; ")}. Nothing is pushed until it is released.`;
+    const text = `${status.faults.join("; ")}, until it is released.`;
     return { title: "No force", text, act: driving && task.driver_starts && ["Release", () => link.say("release")] };
   }
   if (!driving && driver === null) {

@@ -138,8 +138,7 @@ function show() {
     $("repeat").disabled = !session.waiting || session.done === 0;
   }
   for (const mode of MODES) $(mode).setAttribute("aria-pressed", String(status.mode === mode));
-  $("decision").textContent = status.decision ?? "no decision yet";
-  $("decision").className = `note ${status.loss ? "warn" : "quiet"}`;
+  $("decision").textContent = status.decision ?? "no decision";
   $("feedback").setAttribute("aria-pressed", String(status.feedback));
   const missed = Math.max(trial.missed ?? 0, trial.phase === "running" ? (playback?.newest?.missed ?? 0) : 0);
   table($("link"), [
