@@ -118,6 +118,8 @@ class PersonGraph(LiveGraph):
         self.hand.overhear(lambda force: abs(force) == PUSH)
         self.page = Page(self._port)
         self.start_trial()
+        # A machine that stands still in the first ticks has something kept from the beginning.
+        self.release()
 
     def start_trial(self) -> None:
         """Take control and press Start, as a person does."""
