@@ -10,6 +10,7 @@ from rows import BenchError, Row, spread
 #: Between these lines of a document stands the table.
 BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 
+_SPEED = "10 million turns of a Python loop [s]"
 _HEAD = ("row", "what", "this", "baseline", "ratio", "spread", "load", "wanted")
 
 
@@ -20,7 +21,8 @@ def markdown(bench: Bench) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
     head = (
         f"Commit {about['commit']}; {about['processors usable']} processors ({about['processor']}), kernel "
-        f"{about['kernel']}; load {' to '.join(loads)}; `RIG_REALTIME={about['RIG_REALTIME']}`; {about['middleware']}; "
+        f"{about['kernel']}; load {' to '.join(loads)}, 10 million turns of a Python loop in "
+        f"{about.get(_SPEED, '?')} s; `RIG_REALTIME={about['RIG_REALTIME']}`; {about['middleware']}; "
         f"{versions}."
     )
     lines = [

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 
 from rig_bag.errors import BagError
 from rig_bag.intake import Intake, Taken
-from rig_bag.recorder import _TAKE_PERIOD_REALTIME
+from rig_bag.recorder import _TAKE_PERIOD_LOCKSTEP, _TAKE_PERIOD_REALTIME, take_period
 from rig_bag.selection import Selection
 
 TOPICS = ("/a", "/b", "/c")
@@ -143,3 +143,10 @@ def test_what_cannot_be_declared_is_left_out(single_graph: Any, capfd: pytest.Ca
     assert intake.matched() == {"/a": 0}
     assert "/a is not recorded: there is no room" in capfd.readouterr().err
     node.destroy_node()
+
+
+def test_what_is_taken_at_once_is_little_of_a_tick() -> None:
+    assert take_period(0.01) == _TAKE_PERIOD_REALTIME
+    # At 1 kHz three ticks at once; and whatever a trial says of its ticks, the recorder does not turn without a pause.
+    assert take_period(0.001) == pytest.approx(0.003, abs=0.0005)
+    assert take_period(0.0) == take_period(-1.0e-9) == take_period(1e-9) == take_period(1e-4) == _TAKE_PERIOD_LOCKSTEP
