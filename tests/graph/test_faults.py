@@ -44,7 +44,7 @@ def test_each_kind_of_fault_is_followed_by_what_must_follow(tmp_path: Path) -> N
 
 def test_what_there_is_no_row_for_is_said(capsys) -> None:
     assert main(["wrench/purple"]) == 2
-    assert "no row begins with wrench/purple; rows: wrench/nan" in capsys.readouterr().err
+    assert f"no row begins with wrench/purple; rows: {', '.join(ROWS)}" in capsys.readouterr().err
     assert main(["--repeats", "0"]) == 2
 
 
