@@ -164,11 +164,16 @@ class Hand(RigNode):
         return len(last) == 10 and not any(heard.force for heard in last)
 
     @property
-    def first_still(self) -> float:
-        """When the first motion without force came after which there was none with a force [s, steady clock]."""
+    def zeroed(self) -> Heard:
+        """The first motion without force after which there was none with a force."""
         moved = self.motions
         last = max((k for k, heard in enumerate(moved[:-1]) if heard.force), default=-1)
-        return moved[last + 1].at
+        return moved[last + 1]
+
+    @property
+    def first_still(self) -> float:
+        """When that was [s, steady clock]."""
+        return self.zeroed.at
 
     def coasting(self, since: float) -> float | None:
         """When the task published the first state that it had come to under no force, for want of a motion.

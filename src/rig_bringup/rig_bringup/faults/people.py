@@ -214,6 +214,7 @@ def _person(node: str, says: str, why: str, *, restart: bool) -> Inject:
     def inject(graph: PersonGraph, repeats: int) -> Seen:
         zero = []
         for _ in range(min(repeats, MOST_STARTS)):
+            graph.ready()
             graph.hand.states.clear()
             since = graph.kill(node) if restart else graph.stop(node)
             try:
@@ -273,18 +274,22 @@ def _person_task(graph: PersonGraph, repeats: int) -> Seen:
 
 @row("person/wrench nan", "with a person: one wrench is NaN", _UNTIL, 0.03, PersonGraph)
 def _person_bad_wrench(graph: PersonGraph, repeats: int) -> Seen:
-    hand, zero, since = graph.hand, [], 0.0
+    hand, zero = graph.hand, []
+    said: dict[int, float] = {}
 
     def disturb(stamp: int, tick: int) -> None:
-        """For the next tick, so that it comes before the display's."""
-        nonlocal since
-        since = time.monotonic()
+        """For the next tick, so as to come before the display, until one does."""
+        said[stamp + _SAMPLE] = time.monotonic()
         hand.say(stamp + _SAMPLE, math.nan)
-        hand.answer = hand.watch
 
     for _ in range(repeats):
+        graph.ready()
         hand.answer = disturb
         graph.still()
+        hand.answer = hand.watch
+        since = said.get(hand.zeroed.stamp)
+        if since is None:
+            raise FaultError("the force has become zero in a tick for which no wrench of NaN was said")
         zero.append(graph.kept(since, "mig_filter", "non finite wrench"))
         graph.release()
     return Seen(zero, "mig_filter: non finite wrench")
