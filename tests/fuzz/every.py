@@ -16,6 +16,7 @@ EVERY: tuple[type[Boundary], ...] = (
     files.Bags,
     files.PageMessages,
     live.Messages,
+    live.InATrial,
     live.Services,
     live.Pages,
 )

@@ -43,7 +43,7 @@ class Parameters(Boundary):
     """Values for the declared parameters of every configuration; and how the parts of a scenario fit together."""
 
     name = "parameters"
-    share = 10.0
+    share = 22.0
 
     def send(self, garbage: Garbage) -> str:
         if garbage.maybe(0.3):
@@ -118,7 +118,7 @@ class Scenarios(_Files):
     """Scenario files, as `./rig up` reads them."""
 
     name = "scenario files"
-    share = 2.0
+    share = 5.0
 
     def read(self) -> None:
         graph_scenario.load(str(self._path), {}, person=True).digest()
@@ -128,7 +128,7 @@ class Protocols(_Files):
     """Protocol files, planned for their first subject."""
 
     name, kind = "protocol files", "protocols"
-    share = 3.0
+    share = 6.0
 
     def read(self) -> None:
         protocol = load_protocol(self._path)
@@ -140,7 +140,7 @@ class Cohorts(_Files):
     """Cohort files, with a subject drawn."""
 
     name, kind = "cohort files", "cohorts"
-    share = 3.0
+    share = 7.0
 
     def read(self) -> None:
         cohort = load_cohort(self._path)
@@ -151,7 +151,7 @@ class Sweeps(_Files):
     """Sweep files, their grid laid out."""
 
     name, kind = "sweep files", "sweeps"
-    share = 2.0
+    share = 5.0
 
     def read(self) -> None:
         load_sweep(self._path)
@@ -161,7 +161,7 @@ class Bags(Boundary):
     """Damaged bags: audited, read, and repaired."""
 
     name = "bags"
-    share = 3.0
+    share = 10.0
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -191,7 +191,7 @@ class PageMessages(Boundary):
     """What a page may say, as text."""
 
     name = "page messages"
-    share = 10.0
+    share = 17.0
 
     def send(self, garbage: Garbage) -> str:
         return refusal(lambda: parse(page_message(garbage)), ProtocolError)

@@ -4,91 +4,38 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import aiohttp
-import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from fuzz.boundary import ACCEPTED, REFUSED, Boundary, UnclearError
 from fuzz.files import _CONFIGURATIONS, page_message
 from fuzz.garbage import Garbage
+from fuzz.rig import PROTOCOLS, SUBJECTS, Rig
 from loop_messages import SAMPLE, state, wrench
-from node_graph import Graph
 from page_client import Web
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
-from rclpy.serialization import deserialize_message, serialize_message
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
-from admittance_sim_node.node import AdmittanceSimNode
-from mig_filter_node.node import MigFilterNode
-from mig_interfaces.msg import EndEffectorState, FilterDecision, NodeReport, TrialState
-from mig_interfaces.srv import AbortTrial, StartTrial
-from rig_bag.recorder import RecorderNode
-from rig_display.node import DisplayNode
+from mig_interfaces.msg import (
+    EndEffectorState,
+    FilterDecision,
+    NodeReport,
+    RecorderState,
+    SessionState,
+    StudyChoices,
+    StudySubject,
+    TrialState,
+)
+from mig_interfaces.srv import AbortTrial, ChooseSession, StartTrial
 from rig_runtime import topics
 from rig_runtime.ticks import LOCKSTEP_EPOCH, to_stamp
+from shared_control.filter import Reason
 from shared_control.parameters import declarations
-from task_sim_node.node import TaskSimNode
-from user_sim_node.node import UserSimNode
-
-#: Largest force that the filter believes [N]; no command may be larger.
-_MAX_FORCE = 50.0
-
-
-class Rig:
-    """Every node of the rig, alive, on one executor."""
-
-    def __init__(self, folder: Path) -> None:
-        sections: dict[str, dict[str, Any]] = {
-            "/**": {"duration": 3600.0},
-            "/**/mig_filter": {"mode": "off", "max_force": _MAX_FORCE},
-            "/**/task_sim": {"autostart": False, "required_nodes": [""]},
-            "/**/display": {"port": 0, "countdown": 0.0, "message_rate": 10000.0, "max_clients": 1000},
-            "/**/recorder": {"uri": str(folder / "bags"), "split": "trial"},
-        }
-        file = folder / "rig.yaml"
-        file.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.items()}))
-        self.graph = Graph("single")
-        factories = (TaskSimNode, MigFilterNode, AdmittanceSimNode, UserSimNode, DisplayNode, RecorderNode)
-        self.nodes: list[Any] = [self.graph.make(factory, params_file=file) for factory in factories]
-        self._commands: list[bytes] = []
-        command = topics.COMMAND
-        self.graph.node.create_subscription(command.type, command.name, self._commands.append, command.qos, raw=True)
-        #: Commands that are not the filter's.
-        self.false_commands: set[bytes] = set()
-        self._askers = [
-            self.graph.node.create_client(GetParameters, f"{node.get_name()}/get_parameters") for node in self.nodes
-        ]
-        self.graph.until(lambda: all(asker.service_is_ready() for asker in self._askers))
-
-    def answer(self) -> None:
-        """Wait until every node has answered a question, and with it all that came before."""
-        futures = [asker.call_async(GetParameters.Request(names=["seed"])) for asker in self._askers]
-        end = time.monotonic() + 30.0
-        while not all(future.done() for future in futures):
-            if time.monotonic() > end:
-                raise AssertionError("a node does not answer")
-            self.graph.executor.spin_once(timeout_sec=1.0)
-
-    def check(self) -> None:
-        """No command may hold what the filter does not believe."""
-        for command in self._commands:
-            if command in self.false_commands:
-                continue
-            force = deserialize_message(command, topics.COMMAND.type).wrench.force
-            if not all(math.isfinite(part) and abs(part) <= _MAX_FORCE for part in (force.x, force.y, force.z)):
-                raise AssertionError(f"an impossible force was admitted: {force}")
-        self._commands.clear()
-        self.false_commands.clear()
-
-    def close(self) -> None:
-        """Stop and destroy every node."""
-        self.graph.close()
 
 
 class _OfRig(Boundary):
@@ -102,21 +49,35 @@ class _OfRig(Boundary):
         try:
             self.rig.check()
             self._run_a_trial()
+            self._lead_a_trial()
         finally:
             self.rig.close()
 
     def _run_a_trial(self) -> None:
         """After everything a trial can be run: each tick is moved, pushed and judged."""
-        graph, rig = self.rig.graph, self.rig
-        graph.call(Trigger, topics.RESET_SERVICE, Trigger.Request())
-        for name in (topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE):
-            graph.call(Trigger, name, Trigger.Request())
+        graph, rig, task = self.rig.graph, self.rig, self.rig.nodes[0]
+        for name in (topics.PAUSE_SERVICE, topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE):
+            rig.call(Trigger, name, Trigger.Request())
         decisions = graph.collect(topics.DECISION)
         graph.until(lambda: graph.node.count_publishers(topics.DECISION.name) > 0)
-        answer = graph.call(StartTrial, topics.START_SERVICE, StartTrial.Request(duration=0.2))
+        # A trial that the conductor was just about to start comes in between once.
+        for _ in range(2):
+            rig.call(Trigger, topics.RESET_SERVICE, Trigger.Request())
+            answer = rig.call(StartTrial, topics.START_SERVICE, StartTrial.Request(duration=0.2))
+            if answer.success:
+                break
         assert answer.success, answer.message
-        task = rig.nodes[0]
         graph.until(lambda: task.trial.phase == TrialState.PHASE_FINISHED and len(decisions) >= 20, limit=50.0)
+
+    def _lead_a_trial(self) -> None:
+        """And the conductor leads the next trial of its session to its end."""
+        self.rig.follow_choice()
+        conductor, progress = self.rig.conductor, self.rig.conductor.session.progress
+        done = len(progress.done)
+        self.rig.graph.until(lambda: conductor.state().waiting, limit=30.0)
+        answer = self.rig.call(Trigger, topics.RESUME_SERVICE, Trigger.Request())
+        assert answer.success, answer.message
+        self.rig.graph.until(lambda: len(progress.done) > done, limit=30.0)
 
 
 def _near(kind: Any) -> Any:
@@ -136,6 +97,12 @@ def _near(kind: Any) -> Any:
         message.status = [DiagnosticStatus(name="/rig/mig_filter", values=[KeyValue(key="a", value="b")])]
     elif kind is EndEffectorState:
         message.header.frame_id, message.header.stamp = topics.BASE_FRAME, to_stamp(LOCKSTEP_EPOCH)
+    elif kind is StudyChoices:
+        message.subjects = [StudySubject(protocol=PROTOCOLS[0], subject=SUBJECTS[0], trials_planned=5)]
+    elif kind is RecorderState:
+        message.uri, message.recording = "/nowhere/trial_000_a1", True
+    elif kind is SessionState:
+        message.protocol, message.subject, message.trials_planned, message.set = PROTOCOLS[0], SUBJECTS[0], 5, "first"
     elif kind is FilterDecision:
         message.user_control = message.nominal_control = message.applied_control = [1.0]
     return message
@@ -145,10 +112,10 @@ class Messages(_OfRig):
     """Messages of any content on every topic that a node hears, and bytes that are none."""
 
     name = "messages to live nodes"
-    share = 1.2
+    share = 7.0
     topics = (
         topics.TASK_STATE, topics.WRENCH, topics.COMMAND, topics.END_EFFECTOR, topics.DECISION, topics.TRIAL_STATE,
-        topics.NODE_REPORT, topics.RECORDER_STATE, topics.SESSION_STATE,
+        topics.NODE_REPORT, topics.RECORDER_STATE, topics.SESSION_STATE, topics.STUDY_CHOICES,
     )  # fmt: skip
 
     def __init__(self, folder: Path) -> None:
@@ -162,8 +129,8 @@ class Messages(_OfRig):
         # Half of them where forces and states come in.
         publishers = self._publishers[:4] if garbage.maybe(0.5) else self._publishers
         kind, publisher = garbage.choice(publishers)
-        message = garbage.message(_near(kind), garbage.choice((0.05, 0.2, 0.8)))
-        before = _refusals(self.rig.nodes)
+        message = garbage.message(self.near(kind, garbage), garbage.choice((0.05, 0.2, 0.8)))
+        before = self.refusals()
         data = bytes(serialize_message(message))
         if garbage.maybe(0.4):
             data = garbage.bent_bytes(data)
@@ -172,22 +139,78 @@ class Messages(_OfRig):
         publisher.publish(data)
         self.rig.answer()
         self.rig.check()
-        return REFUSED if _refusals(self.rig.nodes) != before else ACCEPTED
+        return REFUSED if self.refusals() != before else ACCEPTED
+
+    def refusals(self) -> list[Any]:
+        """What the nodes count of what they did not take."""
+        return [
+            (node.refused, *(node.diagnose()[2].get(key) for key in ("late", "duplicates", "dropped", "late motions")))
+            for node in self.rig.nodes
+        ]
+
+    def near(self, kind: Any, garbage: Garbage) -> Any:
+        """A message of the kind that a good node would send."""
+        return _near(kind)
 
 
-def _refusals(nodes: list[Any]) -> list[Any]:
-    """What the nodes count of what they did not take."""
-    return [
-        (node.refused, *(node.diagnose()[2].get(key) for key in ("late", "duplicates", "dropped", "late motions")))
-        for node in nodes
-    ]
+class InATrial(Messages):
+    """Messages of any content, for the ticks of a trial that runs in real time, and nodes that stand still meanwhile.
+
+    What is looked for is what the watchdogs, which look by the clock, do with garbage.
+    """
+
+    name = "messages within a trial"
+    share = 1.5
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self._inputs = 0
+        self._decisions = self.rig.graph.collect(topics.DECISION)
+        self._silenced = self._stale = 0
+
+    def send(self, garbage: Garbage) -> str:
+        # Garbage may have led nodes into trials that there are not: a new one takes them back.
+        if self._inputs % 40 == 0:
+            self.rig.call(Trigger, topics.RESET_SERVICE, Trigger.Request())
+            self.rig.call(StartTrial, topics.START_SERVICE, StartTrial.Request(duration=3600.0))
+            self.rig.serve(5.0, lambda: self.rig.nodes[0].trial.phase == TrialState.PHASE_RUNNING)
+        self._inputs += 1
+        if garbage.maybe(0.1):
+            before = self.refusals()
+            self._silenced += 1
+            self.rig.silence(garbage.choice(self.rig.nodes[:4]), garbage.uniform(0.0, 0.12))
+            self.rig.answer()
+            self.rig.check()
+            result = REFUSED if self.refusals() != before else ACCEPTED
+        else:
+            result = super().send(garbage)
+        self._stale += sum(decision.reason == Reason.STALE_WRENCH for decision in self._decisions)
+        self._decisions.clear()
+        return result
+
+    def refusals(self) -> list[Any]:
+        # Of good messages too some are late where a node has stood still.
+        return [node.refused for node in self.rig.nodes]
+
+    def near(self, kind: Any, garbage: Garbage) -> Any:
+        message, agent = _near(kind), self.rig.nodes[1]
+        if agent.clock is not None and hasattr(message, "header"):
+            tick = max(0, agent.ticks_done + garbage.randint(-2, 3))
+            # A false trial's clock may count beyond what a stamp holds.
+            with contextlib.suppress(AssertionError):
+                message.header.stamp = to_stamp(agent.clock.stamp(tick))
+        return message
+
+    def finish(self) -> None:
+        super().finish()
+        assert self._stale or self._silenced < 10, "no watchdog has ever found a wrench to be late"
 
 
 class Services(_OfRig):
-    """Calls of every service with any content, parameters included."""
+    """Calls of every service with any content, the conductor's and parameters included."""
 
     name = "services of live nodes"
-    share = 0.6
+    share = 3.0
 
     def send(self, garbage: Garbage) -> str:
         asked, answer = self._ask(garbage)
@@ -204,10 +227,12 @@ class Services(_OfRig):
     def _ask(self, garbage: Garbage) -> tuple[object, Any]:
         """What was asked, and the answer."""
         kind, name, request = self._question(garbage)
-        return request, self.rig.graph.call(kind, name, request)
+        answer = self.rig.call(kind, name, request)
+        self.rig.follow_choice()
+        return request, answer
 
     def _question(self, garbage: Garbage) -> tuple[Any, str, Any]:
-        kind = garbage.randrange(8)
+        kind = garbage.randrange(11)
         if kind == 0:
             return StartTrial, topics.START_SERVICE, garbage.message(StartTrial.Request(duration=1.0), 0.5)
         if kind == 1:
@@ -215,7 +240,13 @@ class Services(_OfRig):
         if kind == 2:
             names = (topics.RESET_SERVICE, topics.CLEAR_FILTER_SERVICE, topics.CLEAR_ROBOT_SERVICE)
             return Trigger, garbage.choice(names), Trigger.Request()
-        node = garbage.choice(self.rig.nodes)
+        if kind == 3:
+            names = (topics.PAUSE_SERVICE, topics.RESUME_SERVICE, topics.REPEAT_SERVICE)
+            return Trigger, garbage.choice(names), Trigger.Request()
+        if kind == 4:
+            near = ChooseSession.Request(protocol=garbage.choice(PROTOCOLS), subject=garbage.choice(SUBJECTS))
+            return ChooseSession, topics.CHOOSE_SERVICE, garbage.message(near, 0.4)
+        node = garbage.choice([*self.rig.nodes, self.rig.conductor])
         parameters = [_parameter(garbage) for _ in range(garbage.randint(1, 3))]
         # The force that is believed is what the commands are checked against.
         parameters = [parameter for parameter in parameters if parameter.name != "max_force"]
@@ -245,7 +276,7 @@ class Pages(_OfRig):
     """What a browser, or what claims to be one, sends to the display's server: texts, bytes, requests."""
 
     name = "sockets and requests"
-    share = 0.8
+    share = 15.0
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)

@@ -179,6 +179,22 @@ def test_a_trial_that_cannot_be_started_is_tried_again_and_then_waits(conducted:
     assert [name for name, _, _ in conducted.said("finished")] == ["finished"] * 3
 
 
+def test_a_trial_that_another_took_the_place_of_is_done_again(conducted: Conducted) -> None:
+    node = conducted.conduct(duration=30.0)
+    conducted.graph.until(lambda: bool(conducted.trials) and conducted.trials[-1].phase == TrialState.PHASE_RUNNING)
+    by_hand = StartTrial.Request(subject="nobody", set="by hand", trial=1, duration=0.2)
+    # The conductor does not look between the two.
+    look, node._step = node._step, node._idle
+    assert conducted.graph.call(AbortTrial, f"/rig/{topics.ABORT_SERVICE}", AbortTrial.Request()).success
+    assert conducted.graph.call(StartTrial, f"/rig/{topics.START_SERVICE}", by_hand).success
+    conducted.graph.until(lambda: node._state.subject == "nobody")
+    node._step = look
+    conducted.until_told(over=True)
+    reasons = [e["reason"] for e in events(conducted.folder / "S01" / LOG) if e["event"] == "aborted"]
+    assert reasons[0] == "another trial was started in its place"
+    assert [name for name, _, _ in conducted.said("finished")] == ["finished"] * 3
+
+
 def test_another_session_is_chosen_between_two_trials_and_not_during_one(conducted: Conducted) -> None:
     told = conducted.graph.collect(topics.STUDY_CHOICES)
     other = conducted.folder / "other.yaml"

@@ -5,6 +5,7 @@ Settings are applied in processes of their own, which do nothing else and end at
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -128,6 +129,31 @@ def test_a_kernel_that_refuses_is_quoted(monkeypatch: pytest.MonkeyPatch, capsys
     assert capsys.readouterr().err == f"rig_runtime: {refusal}; ./rig doctor says how to allow it\n"
     with pytest.raises(RealtimeError, match="RIG_REALTIME=require, but no SCHED_FIFO"):
         realtime.Realtime(Settings("require")).before_middleware()
+
+
+def test_memory_that_may_not_be_locked_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(realtime, "_status", lambda _: "0000000000000000")
+    monkeypatch.setattr(realtime.resource, "getrlimit", lambda _: (64 * 1024, 64 * 1024))
+    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda *_, **__: pytest.fail("it was asked for"))
+    assert realtime.request_memory() == "limit memlock 64, wanted unlimited"
+
+
+def test_a_kernel_that_locks_no_memory_is_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Libc:
+        def mlockall(self, _: int) -> int:
+            return -1
+
+    monkeypatch.setattr(realtime, "memory_refusal", str)
+    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda *_, **__: Libc())
+    monkeypatch.setattr(realtime.ctypes, "get_errno", lambda: errno.EPERM)
+    assert realtime.request_memory() == "Operation not permitted"
+
+
+def test_a_kernel_that_says_nothing_of_privileges_gives_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert realtime._status("NoSuchField") == ""
+    monkeypatch.setattr(realtime, "_status", lambda _: "")
+    monkeypatch.setattr(realtime.resource, "getrlimit", lambda _: (realtime.resource.RLIM_INFINITY,) * 2)
+    assert memory_refusal() == ""
 
 
 def test_processors_are_chosen() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import queue
 import signal
 import subprocess
 import sys
@@ -64,6 +65,32 @@ def _takes_signals(pid: int) -> bool:
     with Path(f"/proc/{pid}/status").open(encoding="ascii") as status:
         caught = next(line for line in status if line.startswith("SigCgt")).split()[1]
     return bool(int(caught, 16) & 1 << (signal.SIGTERM - 1))
+
+
+def test_signals_are_taken_in_a_thread_and_the_third_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = {number: signal.getsignal(number) for number in run._SIGNALS}
+    happened: queue.SimpleQueue[object] = queue.SimpleQueue()
+
+    def ended(code: int) -> None:
+        happened.put(code)
+        sys.exit()  # of the thread
+
+    monkeypatch.setattr(run.os, "_exit", ended)
+    taker = run._SignalTaker()
+    pipe = signal.set_wakeup_fd(-1)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+    # What Python's C handler writes: the number of any signal, one that is none of these among them.
+    os.write(pipe, bytes([signal.SIGCHLD, signal.SIGINT]))
+    deadline = time.monotonic() + 30.0
+    while not taker.taken and time.monotonic() < deadline:
+        os.sched_yield()
+    taker.call(lambda: happened.put("asked to end"))
+    assert happened.get(timeout=30.0) == "asked to end", "a signal that came before anybody could be told"
+    os.write(pipe, bytes([signal.SIGTERM]))
+    assert happened.get(timeout=30.0) == "asked to end"
+    os.write(pipe, bytes([signal.SIGINT]))
+    assert happened.get(timeout=30.0) == 130
 
 
 def test_an_executor_that_is_none_is_refused(single_graph: Any) -> None:

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from shared_control import tasks
 from shared_control.cost import quadratic
-from shared_control.mig import ALONG, Criterion, mig_integral, samples
+from shared_control.mig import ALONG, CostOfNothing, Criterion, mig_integral, samples
 from shared_control.parameters import ParameterError
 
 TASK = tasks.get("cart_pendulum")
@@ -136,6 +136,39 @@ def test_kink_at_rest(oracle, theta, u):
     push = [oracle.cost(wide, first_sample(s * k * u), DT) for k in (0, 1, 2)]
     slope = float((-3 * push[0] + 4 * push[1] - push[2]) / (2 * s))
     assert right == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.mark.parametrize("tail", [(0.3, -0.5), (-1.0, 2.0)])
+@pytest.mark.parametrize("samples_after", [0, 30, STEPS - 1])
+@pytest.mark.parametrize("weights", [(0.0, 0.0, 0.0, 0.0), (50.0, 2.0, 3.0, 4.0)])
+def test_kink_while_the_cart_moves(oracle, tail, samples_after, weights):
+    """The other errors have slopes that push and counterpush do not share; each is that of J on its own side."""
+    oracle.q, oracle.p = (200.0, 3.0, 20.0, 1.0), weights
+    cost = quadratic(TASK, state_weights=oracle.q, terminal_weights=weights)
+    criterion = criteria("nominal", cost=cost)
+    x = np.array([math.pi, 0.0, *tail])
+    schedule = np.random.default_rng(21).normal(0.0, 10.0, 1 + samples_after)
+    s, wide = np.longdouble(1e-6), x.astype(np.longdouble)
+    for side in (1.0, -1.0):
+        u_2 = list(side * schedule) + [0.0] * (STEPS - 1 - samples_after)
+        j = [oracle.cost(wide, [s * k * u for u in u_2], DT, effort=False) for k in (0, 1, 2)]
+        slope = float((-3 * j[0] + 4 * j[1] - j[2]) / (2 * s))
+        found = criterion(x, np.array(u_2[:1]), then=np.array(u_2[1 : 1 + samples_after])[:, None])
+        assert found == pytest.approx(slope, rel=1e-5)
+
+
+def test_along_the_user_a_kink_at_the_begin_is_left_at_once(oracle):
+    """The first node has no part in the slope; the others are away from the kink, and J is smooth there."""
+    x, u = np.array([math.pi, 0.0, 0.3, -0.5]), 20.0
+    j = oracle.cost(x.astype(complex), first_sample(u + 1e-30j * u), DT, effort=False)
+    assert criteria("user")(x, np.array([u])) == pytest.approx(j.imag / 1e-30, rel=1e-9)
+
+
+def test_the_cost_of_nothing(oracle, states):
+    nothing = CostOfNothing(TASK, COST, horizon=STEPS * DT, dt=DT)
+    for x in states(20, 18).T:
+        assert nothing(x) == pytest.approx(oracle.cost(x, first_sample(0.0), DT), rel=1e-12)
+        assert nothing(x) == nothing(x, 0)
 
 
 def test_mirror(states):

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from shared_control import controllers, tasks
+from shared_control import controllers, hybrid, rk4, tasks
 from shared_control.cost import quadratic
 from shared_control.integrate import Stepper
 from shared_control.mig import ALONG, Criterion
 from shared_control.parameters import ParameterError
+from shared_control.tasks.slip import in_mode
 
 TASK = tasks.get("slip")
 COST = quadratic(TASK)
@@ -254,6 +255,28 @@ def test_short_contact_is_not_missed():
     assert len(events) == 2
     np.testing.assert_allclose(advance(x, u, 1)[0][-1], end, rtol=0.0, atol=5e-7)
     assert abs(end[3] - (x[3] - G * DT)) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("along", "swing", "z", "rate", "touches"),
+    [
+        (-0.05, 10.0, 0.99999, -1e-3, True),  # the foot swings through under the mass: long, short, long within a step
+        (-0.05, 10.0, 1.01, -1e-3, False),  # it swings through and stays long enough
+        (0.3, 1.0, math.sqrt(1.0 - 0.3**2), -0.3, True),  # from touching it grows longer first
+        (0.0, 0.0, 1.0, -1.0, False),  # touches at the begin, and that is no event on the way
+    ],
+)
+def test_touchdown_is_found_where_the_polynomial_is_zero(along, swing, z, rate, touches):
+    """In flight (along + swing t)^2 + (z + rate t - g t^2 / 2)^2 - l_0^2 is zero at touchdown, and RK4 is exact."""
+    q, x, u = in_mode(TASK.parameters, FLIGHT), (along, 0.0, z, rate, 0.0), (0.0, -swing)
+    found = hybrid._event(q, x, u, DT, rk4.step(q, x, u, DT))
+    if not touches:
+        assert found == -1.0
+        return
+    leg = np.polynomial.Polynomial([along, swing]) ** 2 + np.polynomial.Polynomial([z, rate, -0.5 * G]) ** 2 - 1.0
+    roots = leg.roots()
+    real = sorted(root.real for root in roots if abs(root.imag) < 1e-12 and 1e-6 < root.real < DT)
+    assert found == pytest.approx(real[0], rel=1e-9)
 
 
 def test_mirror_and_shift():

@@ -227,6 +227,10 @@ class ConductorNode(Node):
 
     def _watch(self) -> None:
         state = self._state
+        if state.uid > self._uid:
+            # Of the conductor's own nothing more will be said.
+            self._failed("another trial was started in its place")
+            return
         if state.uid != self._uid:
             return
         if state.phase == TrialState.PHASE_ARMING:
