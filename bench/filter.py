@@ -237,7 +237,7 @@ def laboratory(runs: int) -> list[Row]:
         lambda: 1e6 * typical(lambda: judge.decide(x, good), 30),
         lambda: 1e6 * typical(lambda: judge.decide(x, bad), 30),
     )
-    published = "the laboratory's C++, published"
+    published = "the better end of the laboratory's C++, published"
     return [
         Row(
             *("filter.laboratory.check", "filter decision, accepted, T = 1 s, 100 steps", "us", check),
