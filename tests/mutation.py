@@ -71,7 +71,9 @@ EQUIVALENT = {
         "_forward: c.angles[i] and abs(e[i]) >= math.pi - KINK  ->  c.angles[i] or abs(e[i]) >= math.pi - KINK",
     ): "without a kink the one-sided sum is the same slope, and only slower",
     ("filter", "task.m > 1  ->  task.m >= 1"): "one input is judged the same way jointly and by itself",
-    ("faults", "delay < self._least  ->  delay <= self._least"): "what is equal takes the place of its equal",
+    ("faults", "self._received = 0  ->  pass"): "it is read only once a message has set it",
+    ("faults", "self._received = 0  ->  self._received = 1"): "it is read only once a message has set it",
+    ("faults", "1000000000.0 * _PAUSE  ->  1000000001.0 * _PAUSE"): "rounded to the same nanosecond",
     ("ticks", "-1  ->  -2"): "no stamp is below zero: any number below it stands for none",
     ("ticks", "overtaken <= newest  ->  overtaken < newest"): "the newest has been handed out by then",
 }

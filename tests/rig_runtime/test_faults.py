@@ -78,12 +78,22 @@ def test_what_is_late_stays_so_for_however_long_it_is(beyond: int, ticks: int) -
     assert not lateness.late((ticks + 1) * SAMPLE, OFFSET + (ticks + 1) * SAMPLE)
 
 
+def test_clocks_may_run_apart_by_200_microseconds_in_a_second() -> None:
+    apart = 200 * 1000 + 40  # the 200 us themselves take a little, in which the clocks go on
+    for more, late in ((0, False), (1, True)):
+        lateness = Lateness(0)
+        assert not lateness.late(0, 0)
+        assert lateness.late(10**9, 10**9 + apart + more) is late
+
+
 def test_lateness_begins_anew_with_a_trial() -> None:
     lateness = Lateness(10)
+    assert lateness.last == 0
     assert not lateness.late(0, 5)
     assert lateness.late(0, 50)
     assert lateness.last == 45
     lateness.reset()
+    assert lateness.last == 0
     assert not lateness.late(1000, 10**9)
     assert lateness.last == 0
 

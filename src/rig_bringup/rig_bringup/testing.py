@@ -1,23 +1,29 @@
 """`./rig test`: lint, types, dependencies, then the tests; pytest's summary comes last.
 
-`./rig test --coverage`: how much of the science and of the runtime the tests reach, branches included.
+`./rig test --coverage`: how much of the science and of the runtime the tests reach; it fails if they take less than
+BRANCHES of the branches of either.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rig_bringup.provision.steps import Places, check_command
 
 #: Packages whose types are checked.
 TYPED = ("shared_control", "rig_runtime")
 
+
+#: [%] Least share of a package's branches that its tests take.
+BRANCHES = 95.0
 
 _UNCOMPILED = {"NUMBA_DISABLE_JIT": "1"}
 
@@ -76,4 +82,21 @@ def coverage(root: Path, argv: Sequence[str]) -> int:
         command = [*tool, "run", "-m", "pytest", "-q", *tests, *argv]
         code |= subprocess.run(command, cwd=root, env={**os.environ, **more}, check=False).returncode
     subprocess.run([*tool, "combine", "-q"], cwd=root, check=True)
-    return subprocess.run([*tool, "report"], cwd=root, check=False).returncode or code
+    code |= subprocess.run([*tool, "report"], cwd=root, check=False).returncode
+    found = subprocess.run([*tool, "json", "-q", "-o", "-"], cwd=root, check=True, capture_output=True, text=True)
+    for name, (taken, there) in branches(json.loads(found.stdout)).items():
+        share = 100.0 * taken / there
+        print(f"{name}: {taken} of {there} branches, {share:.1f} % (at least {BRANCHES:g} %)")
+        if share < BRANCHES:
+            print(f"error: {name}: too few branches are taken by a test", file=sys.stderr)
+            code = code or 1
+    return code
+
+
+def branches(report: dict[str, Any]) -> dict[str, tuple[int, int]]:
+    """Branches of each package that were taken, and that there are, by coverage's JSON report."""
+    found = {}
+    for name in TYPED:
+        files = [of["summary"] for path, of in report["files"].items() if f"/{name}/" in f"/{path}"]
+        found[name] = sum(of["covered_branches"] for of in files), sum(of["num_branches"] for of in files)
+    return found
