@@ -74,6 +74,10 @@ EQUIVALENT = {
     ("faults", "self._received = 0  ->  pass"): "it is read only once a message has set it",
     ("faults", "self._received = 0  ->  self._received = 1"): "it is read only once a message has set it",
     ("faults", "1000000000.0 * _PAUSE  ->  1000000001.0 * _PAUSE"): "rounded to the same nanosecond",
+    (
+        "faults",
+        "self._since = self._until = 0  ->  self._since = self._until = 1",
+    ): "read only once a loss has set them",
     ("ticks", "-1  ->  -2"): "no stamp is below zero: any number below it stands for none",
     ("ticks", "overtaken <= newest  ->  overtaken < newest"): "the newest has been handed out by then",
 }

@@ -135,6 +135,17 @@ def test_a_loss_is_said_in_words_while_it_lasts_and_once_it_is_over() -> None:
     assert loss.words(end) == ""
 
 
+def test_how_long_a_loss_has_lasted_is_said_from_a_tenth_of_a_second_on() -> None:
+    loss = Loss()
+    loss.tell("no motion", 0)
+    said = {99: "no force", 100: "no force for 0.10 s", 990: "no force for 0.99 s", 1000: "no force for 1.0 s"}
+    assert {at: loss.words(at * MILLISECOND).partition(":")[0] for at in said} == said
+    loss.tell(None, 1500 * MILLISECOND)
+    # As long as it is to be remembered, and no longer.
+    assert loss.words(2500 * MILLISECOND, remember=1.0) == "no force for 1.5 s until 1.0 s ago: no motion"
+    assert loss.words(2501 * MILLISECOND, remember=1.0) == ""
+
+
 @given(st.lists(st.sampled_from([None, "a", "b"]), min_size=100, max_size=300))
 def test_what_comes_and_goes_is_said_five_times_a_second_and_never_for_long_otherwise(lost: list[str | None]) -> None:
     loss, said = Loss(), [(-1000, None)]

@@ -43,6 +43,16 @@ def test_accepted():
         assert decision.mode == Mode.of(mode)
 
 
+@pytest.mark.parametrize("along", ["nominal", "user"])
+def test_the_adjoint_runs_along_what_is_configured(along):
+    readings = {
+        read: mig_integral(TASK, quadratic(TASK), X, 20.0 * GOOD, horizon=0.5, dt=0.01, adjoint_along=read)
+        for read in ("nominal", "user")
+    }
+    assert readings["nominal"] != readings["user"]
+    assert make(adjoint_along=along).decide(X, 20.0 * GOOD).criterion == readings[along]
+
+
 def test_rejected_in_training():
     decision = make("training").decide(X, BAD)
     assert (decision.verdict, decision.reason) == (Verdict.REJECTED, Reason.CRITERION)
