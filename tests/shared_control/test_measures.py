@@ -224,3 +224,14 @@ def test_a_trial_without_a_tick_has_measures():
     for measures, width in ((cart_pendulum, 4), (slip, 5)):
         with pytest.raises(ParameterError, match="states"):
             measures(np.zeros((0, width)), DT)
+
+
+def test_what_kind_of_numbers_a_table_has_does_not_matter():
+    """Columns of bags are single precision, or integers where they mean yes and no."""
+    random = np.random.default_rng(31)
+    nodes = np.column_stack([np.cumsum(random.uniform(0, 0.01, 201)), *random.uniform(0.5, 1.5, (4, 201))])
+    single, stance = nodes.astype(np.float32), random.uniform(size=201) < 0.5
+    wanted = random.uniform(0.5, 1.5, 201).astype(np.float32)
+    found = slip(single, DT, wanted_speed=wanted, stance=np.where(stance, 200, 0))
+    assert found == slip(single.astype(float), DT, wanted_speed=wanted.astype(float), stance=stance)
+    assert cart_pendulum(single[:, :4], DT) == cart_pendulum(single[:, :4].astype(float), DT)
