@@ -172,16 +172,12 @@ class PersonGraph(LiveGraph):
             raise FaultError(f"{sorted(forces)} N were admitted before anybody had cleared the fault")
         return zero
 
-    def ready(self) -> None:
-        """As for any graph; what was kept because the machine stood still is released."""
-        if self.page is not None and self.page.status.get("faults"):
-            self.release()
-        super().ready()
-
     def recover(self) -> None:
-        """A person's hand again, until the robot follows it."""
+        """A person's hand again, until the robot follows it; what the machine has lost by itself is released."""
         self.hand.answer = self.good
-        self.flows("the robot does not follow")
+        self.hand.motions.clear()
+        if not wait_until(lambda: self.hand.flowing, self.executor, 2.0):
+            self.release()
 
     def flows(self, otherwise: str) -> None:
         """The robot follows the page again without anybody's having to release anything.
