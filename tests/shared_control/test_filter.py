@@ -43,6 +43,25 @@ def test_accepted():
         assert decision.mode == Mode.of(mode)
 
 
+@pytest.mark.parametrize(
+    ("configured", "made"),
+    [
+        ({}, {"iterations": 3, "tolerance": FilterConfig().controller_tolerance}),
+        ({"controller_iterations": 1}, {"iterations": 1}),
+        ({"controller_tolerance": 1.0, "controller_iterations": 50}, {"iterations": 50, "tolerance": 1.0}),
+        ({"control_limits": (3.0,), "controller_horizon": 0.8}, {"limits": (3.0,), "horizon": 0.8}),
+    ],
+)
+def test_the_controller_is_the_one_that_is_configured(configured, made):
+    """At a sample time that is not the default: what it would do at the first tick is what is applied."""
+    agent = MigFilter(TASK, FilterConfig(mode="assistance", horizon=0.5, **configured), sample_time=0.02)
+    full = {"horizon": 0.5, "limits": FilterConfig().control_limits, "iterations": 3, **made}
+    alone = controllers.make("ilqr", TASK, quadratic(TASK), dt=0.02, **full)
+    decision = agent.decide(X, BAD)
+    assert decision.verdict == Verdict.REPLACED
+    assert decision.applied_control == alone.solve(X).control
+
+
 @pytest.mark.parametrize("along", ["nominal", "user"])
 def test_the_adjoint_runs_along_what_is_configured(along):
     readings = {
