@@ -70,6 +70,10 @@ EQUIVALENT = {
         "mig",
         "_forward: c.angles[i] and abs(e[i]) >= math.pi - KINK  ->  c.angles[i] or abs(e[i]) >= math.pi - KINK",
     ): "without a kink the one-sided sum is the same slope, and only slower",
+    (
+        "mig",
+        "_forward: kink = False  ->  kink = True",
+    ): "without a kink the one-sided sum is the same slope, and only slower",
     ("filter", "task.m > 1  ->  task.m >= 1"): "one input is judged the same way jointly and by itself",
     ("faults", "self._received = 0  ->  pass"): "it is read only once a message has set it",
     ("faults", "self._received = 0  ->  self._received = 1"): "it is read only once a message has set it",

@@ -62,6 +62,12 @@ def test_the_controller_is_the_one_that_is_configured(configured, made):
     assert decision.applied_control == alone.solve(X).control
 
 
+def test_agreement_is_with_what_the_controller_wants_now():
+    agent = make("training", judge="agreement")
+    assert agent.decide(X, GOOD).criterion < 0.0
+    assert agent.decide(-X, GOOD).criterion > 0.0, "it falls to the other side, and the same push is against the catch"
+
+
 @pytest.mark.parametrize("along", ["nominal", "user"])
 def test_the_adjoint_runs_along_what_is_configured(along):
     readings = {
