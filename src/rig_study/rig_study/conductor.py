@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from mig_interfaces.msg import RecorderState, SessionState, TrialState
 from mig_interfaces.srv import StartTrial
 from rig_runtime import topics
+from rig_runtime.parameters import refuse_unknown_types
 from rig_study.protocol import PlannedTrial
 from rig_study.reception import Reception
 from rig_study.session import Session
@@ -93,6 +94,12 @@ class ConductorNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_PERIOD, self._go_on, clock=steady)
         self.create_timer(1.0, lambda: self._tell(force=True), clock=steady)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **kwargs: Any) -> Any:
+        """As rclpy's; but its own parameter services refuse what has a type that there is not."""
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = refuse_unknown_types(callback)
+        return super().create_service(srv_type, srv_name, callback, **kwargs)
 
     @property
     def choice(self) -> Choice | None:
