@@ -1,4 +1,4 @@
-"""The loop at 1 kHz, all nodes and the recorder in one process: deadlines over 60 s, latency, what a decision takes.
+"""The loop at 1 kHz, all nodes in one process, with the recorder and without: deadlines over 60 s, latency, decisions.
 
     RIG_REALTIME=auto ./rig run python bench/kilohertz.py [--horizon 0.5] [--seconds 60]
 
@@ -34,23 +34,32 @@ _DECISIONS = 8000
 
 
 def rows(_: int) -> list[Row]:
-    """One trial of a minute, however many runs the others have."""
+    """Two trials of a minute, however many runs the others have."""
     return measure(HORIZON, _SECONDS)
 
 
 def measure(horizon: float, seconds: float) -> list[Row]:
-    """Missed deadlines and latency of a trial, and what decisions take of a tick, by processor time."""
+    """Missed deadlines and latency of two trials, and what decisions take of a tick, by processor time."""
+    return [
+        *_trial(horizon, seconds, record=False),
+        *_trial(horizon, seconds, record=True),
+        *_decisions(horizon),
+    ]
+
+
+def _trial(horizon: float, seconds: float, *, record: bool) -> list[Row]:
     ticks = round(seconds / PERIOD)
     with program("wake") as wake, nanosleep_beside(wake, PERIOD) as wakes:
-        trial = timed_trial(record=True, pacing="realtime", duration=seconds, sample_time=PERIOD, horizon=horizon)
+        trial = timed_trial(record=record, pacing="realtime", duration=seconds, sample_time=PERIOD, horizon=horizon)
     left = PERIOD - statistics.median(trial.latencies)
     # What makes a wake-up as late as that makes a tick miss its deadline whatever its work is.
     over = ticks * statistics.fmean(lateness > left for lateness in wakes.late)
     in_c = f"clock_nanosleep in C beside it{'' if wakes.priority else ', in ordinary scheduling'}"
-    conditions = f"1 kHz for {seconds:.0f} s, composed, recorded, horizon {horizon:g} s"
+    name = f"loop.1kHz{'.recorded' if record else ''}"
+    conditions = f"1 kHz for {seconds:.0f} s, composed{', recorded' if record else ''}, horizon {horizon:g} s"
     found = [
         Row(
-            *("loop.1kHz.missed", f"ticks of {ticks} that found the loop not closed, {conditions}; {trial.scheduling}"),
+            *(f"{name}.missed", f"ticks of {ticks} that found the loop not closed, {conditions}; {trial.scheduling}"),
             *("ticks", (float(trial.missed),), f"{in_c}, later than a median tick leaves over, of as many", (over,)),
             wanted=f"value < {ticks / 1000:.0f}",
             counted=True,
@@ -58,12 +67,17 @@ def measure(horizon: float, seconds: float) -> list[Row]:
     ]
     found += [
         Row(
-            *(f"loop.1kHz.p{100 * share:.0f}", f"state out to motion in, {conditions}, p{100 * share:.0f}", "us"),
+            *(f"{name}.p{100 * share:.0f}", f"state out to motion in, {conditions}, p{100 * share:.0f}", "us"),
             *((1e6 * percentile(trial.latencies, share),), f"{in_c}, lateness, p{100 * share:.0f}"),
             (1e6 * percentile(wakes.late, share),),
         )
         for share in (0.5, 0.99)
     ]
+    return found
+
+
+def _decisions(horizon: float) -> list[Row]:
+    found = []
     for verdict, times in decisions(horizon).items():
         what = f"a decision, {verdict}, horizon {horizon:g} s, processor time"
         found += [
