@@ -33,6 +33,11 @@ PRIORITY = 20
 #: What `./rig doctor` asks to be allowed: one more, for a measurement that comes before the nodes (`bench/jitter.py`).
 ALLOWED = PRIORITY + 1
 
+#: How Fast DDS names the thread that sends what is not sent at once. It goes round without a pause for as long as
+#: another wants to take a sample back from it (its `FlowControllerImpl`), and on one processor that one never comes to
+#: it unless it is scheduled above: a composed graph stood still so for good.
+_SPINNING = "dds.asyn"
+
 MODES = ("off", "auto", "require")
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
@@ -136,7 +141,7 @@ class Realtime:
         if not refusal:
             python = {thread.native_id for thread in threading.enumerate()}
             for thread in threads() - self._others - python:
-                _schedule(thread)
+                _schedule(thread, PRIORITY - 1 if _name_of(thread).startswith(_SPINNING) else PRIORITY)
             for own in below:
                 if own.native_id is not None:
                     _schedule(own.native_id, PRIORITY - 1)
@@ -163,6 +168,12 @@ class Realtime:
 def threads() -> set[int]:
     """Every thread of this process, by the kernel's number."""
     return {int(entry.name) for entry in os.scandir("/proc/self/task")}
+
+
+def _name_of(thread: int) -> str:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/self/task/{thread}/comm").read_text(encoding="utf-8")
+    return ""
 
 
 def _schedule(thread: int, priority: int = PRIORITY) -> None:
