@@ -15,8 +15,7 @@ from recorded_loop import retime
 from std_msgs.msg import String
 
 from rig_bag.errors import BagError
-from rig_bag.intake import Intake, Taken
-from rig_bag.recorder import _TAKE_PERIOD_LOCKSTEP, _TAKE_PERIOD_REALTIME, take_period
+from rig_bag.intake import TAKE_PERIOD_LOCKSTEP, TAKE_PERIOD_REALTIME, Intake, Taken, take_period
 from rig_bag.selection import Selection
 
 TOPICS = ("/a", "/b", "/c")
@@ -92,7 +91,7 @@ def test_they_come_in_the_order_of_reception_whatever_their_topic(taker: Taker) 
 
 
 def test_ten_thousand_messages_a_second_on_one_topic_wait_for_the_next_take(taker: Taker) -> None:
-    numbers = range(round(10_000 * _TAKE_PERIOD_REALTIME))
+    numbers = range(round(10_000 * TAKE_PERIOD_REALTIME))
     for number in numbers:
         taker.publishers[0].publish(String(data=f"{number}"))
     assert taker.publishers[0].wait_for_all_acked(Duration(seconds=10))
@@ -146,7 +145,7 @@ def test_what_cannot_be_declared_is_left_out(single_graph: Any, capfd: pytest.Ca
 
 
 def test_what_is_taken_at_once_is_little_of_a_tick() -> None:
-    assert take_period(0.01) == _TAKE_PERIOD_REALTIME
+    assert take_period(0.01) == TAKE_PERIOD_REALTIME
     # At 1 kHz three ticks at once; and whatever a trial says of its ticks, the recorder does not turn without a pause.
     assert take_period(0.001) == pytest.approx(0.003, abs=0.0005)
-    assert take_period(0.0) == take_period(-1.0e-9) == take_period(1e-9) == take_period(1e-4) == _TAKE_PERIOD_LOCKSTEP
+    assert take_period(0.0) == take_period(-1.0e-9) == take_period(1e-9) == take_period(1e-4) == TAKE_PERIOD_LOCKSTEP

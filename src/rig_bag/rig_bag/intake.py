@@ -25,7 +25,15 @@ from rig_bag.qos import Qos
 from rig_bag.selection import Selection
 from rig_runtime.clocks import wall_ahead_of_steady
 
-__all__ = ["Declared", "Intake", "Taken"]
+__all__ = [
+    "TAKE_PERIOD",
+    "TAKE_PERIOD_LOCKSTEP",
+    "TAKE_PERIOD_REALTIME",
+    "Declared",
+    "Intake",
+    "Taken",
+    "take_period",
+]
 
 #: What a topic is declared as in a bag: type, QoS of its publishers, hash of the type.
 Declared = tuple[str, list[Qos], str]
@@ -33,6 +41,22 @@ Declared = tuple[str, list[Qos], str]
 #: A message: steady time of its reception [ns], topic, its bytes, and how long it was under way [ns] by the system's
 #: clock, 0 if the middleware does not know.
 Taken = tuple[int, str, bytes, int]
+
+
+TAKE_PERIOD = 0.02  # [s] between two looks for messages
+TAKE_PERIOD_REALTIME = 0.2  # [s] the same while a trial is paced by wall time: nobody waits for what is recorded
+TAKE_PERIOD_LOCKSTEP = 0.003  # [s] and while one runs as fast as it can: the pacemaker waits for progress
+_TICK_COST = 40e-6  # [s] that it takes to record the messages of a tick
+
+
+def take_period(sample_time: float) -> float:
+    """Time between two looks for messages in a trial that wall time paces [s].
+
+    What is taken at once takes an eighth of a tick: with the loop in the same process it holds it up, as does a chunk
+    that is full, for 0.3 ms.
+    """
+    ticks = sample_time / (8.0 * _TICK_COST)
+    return min(TAKE_PERIOD_REALTIME, max(TAKE_PERIOD_LOCKSTEP, ticks * sample_time))
 
 
 class _Tap:

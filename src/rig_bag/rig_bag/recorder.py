@@ -23,7 +23,7 @@ from rclpy.task import Future
 from mig_interfaces.msg import NodeReport, RecorderState, TrialState
 from rig_bag.configuration import RecorderConfig
 from rig_bag.errors import BagError
-from rig_bag.intake import Declared, Intake
+from rig_bag.intake import TAKE_PERIOD, TAKE_PERIOD_LOCKSTEP, Declared, Intake, take_period
 from rig_bag.opening import open_bag, place_of
 from rig_bag.qos import load_overrides
 from rig_bag.recording import Recording, Stream, Trial
@@ -41,23 +41,9 @@ __all__ = ["RecorderNode", "main"]
 
 _SEARCH_PERIOD = 0.05  # [s] between looks for publishers while a listed topic has none
 _WATCH_PERIOD = 1.0  # [s] the same once all are there, for patterns; and between flushes
-_TAKE_PERIOD = 0.02  # [s] between two looks for messages
-_TAKE_PERIOD_REALTIME = 0.2  # [s] the same while a trial is paced by wall time: nobody waits for what is recorded
-_TAKE_PERIOD_LOCKSTEP = 0.003  # [s] and while one runs as fast as it can: the pacemaker waits for progress
-_TICK_COST = 40e-6  # [s] that it takes to record the messages of a tick
 _SETTLE_PERIOD = 0.02  # [s] of silence that ends a recording which has everything
 _now = time.monotonic
 _wall = time.time_ns
-
-
-def take_period(sample_time: float) -> float:
-    """Time between two looks for messages in a trial that wall time paces [s].
-
-    What is taken at once takes an eighth of a tick: with the loop in the same process it holds it up, as does a chunk
-    that is full, for 0.3 ms.
-    """
-    ticks = sample_time / (8.0 * _TICK_COST)
-    return min(_TAKE_PERIOD_REALTIME, max(_TAKE_PERIOD_LOCKSTEP, ticks * sample_time))
 
 
 class RecorderNode(RigNode):
@@ -122,7 +108,7 @@ class RecorderNode(RigNode):
         else:
             self._begin(Path(place))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._take_timer = self.create_timer(_TAKE_PERIOD, self._take, clock=clock)
+        self._take_timer = self.create_timer(TAKE_PERIOD, self._take, clock=clock)
         self._search = self.create_timer(_SEARCH_PERIOD, self._look_for_publishers, clock=clock)
         self._watching = self.create_timer(_WATCH_PERIOD, self._watch, clock=clock)
         self._settle = self.create_timer(_SETTLE_PERIOD, self._check_settled, clock=clock)
@@ -290,8 +276,8 @@ class RecorderNode(RigNode):
         if recording is None:
             return
         trial = Trial.from_message(message)
-        paced = _TAKE_PERIOD_LOCKSTEP if self._lockstep else take_period(1e-9 * trial.sample_time)
-        self._take_timer.timer_period_ns = int(1e9 * (paced if trial.phase == Trial.RUNNING else _TAKE_PERIOD))
+        paced = TAKE_PERIOD_LOCKSTEP if self._lockstep else take_period(1e-9 * trial.sample_time)
+        self._take_timer.timer_period_ns = int(1e9 * (paced if trial.phase == Trial.RUNNING else TAKE_PERIOD))
         if trial.under_way:
             self._recorded_uid = trial.uid
             if trial.phase == Trial.RUNNING:

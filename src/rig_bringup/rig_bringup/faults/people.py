@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 import socket
 import time
 from pathlib import Path
@@ -17,9 +16,9 @@ from mig_interfaces.msg import TrialState
 from rig_bringup.faults.account import Pushed
 from rig_bringup.faults.hand import PUSH, good_force
 from rig_bringup.faults.live_graph import FaultError, LiveGraph
-from rig_bringup.faults.nodes import MOST_STARTS
+from rig_bringup.faults.nodes import MOST_STARTS, recorder_killed
 from rig_bringup.faults.page import Page
-from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_every_tick_once, expect_reason, row
+from rig_bringup.faults.rows import LIMIT, Inject, Seen, expect_reason, row
 from rig_display.hand import STALLED
 from rig_runtime.run import wait_until
 from shared_control.filter import Reason
@@ -291,28 +290,12 @@ def _person_bad_wrench(graph: PersonGraph, repeats: int) -> Seen:
     return Seen(zero, "mig_filter: non finite wrench")
 
 
-@row(
+row(
     "person/recorder killed",
     "with a person: the recorder is killed (-9) at a random moment, restarted",
     "the loop goes on, no fault is kept; its bag is repaired",
     on=PersonGraph,
-)
-def _person_recorder(graph: PersonGraph, repeats: int) -> Seen:
-    moments, remark = random.Random(10), ""
-    for _ in range(min(repeats, MOST_STARTS)):
-        graph.ticks(moments.randrange(1, 200))
-        graph.hand.forget()
-        graph.kill("recorder")
-        graph.ticks(100)
-        try:
-            expect_every_tick_once(graph)
-            graph.flows("the robot does not follow")
-            remark = graph.repair()
-        finally:
-            graph.new_bag()
-        # To repair and to start again is work beside the loop, and where processors are short a fault of its own.
-        graph.ready()
-    return Seen([], remark)
+)(recorder_killed(seed=10, follows=lambda graph: graph.flows("the robot does not follow")))
 
 
 @row(
