@@ -10,6 +10,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 import aiohttp
+from std_srvs.srv import Trigger
 
 
 class Web:
@@ -125,3 +126,25 @@ class Page:
         """Leave."""
         self._holding = None
         self._web.run(self._socket.close())
+
+
+def serve(graph: Any, names: tuple[str, ...]) -> list[str]:
+    """Serve triggers in the place of other nodes; a list that fills with the names of those that are called."""
+    called: list[str] = []
+
+    def answer(name: str, response: Trigger.Response) -> Trigger.Response:
+        called.append(name)
+        response.success, response.message = True, "so be it"
+        return response
+
+    for name in names:
+        graph.node.create_service(Trigger, name, lambda _, response, name=name: answer(name, response))
+    return called
+
+
+def drive(bench: Any, web: Web) -> Any:
+    """A page that drives and holds nothing yet."""
+    page = web.page(bench.node)
+    page.say("drive")
+    bench.until(lambda: page.status.get("driving"))
+    return page

@@ -37,7 +37,7 @@ COVERAGE: tuple[tuple[tuple[str, ...], dict[str, str]], ...] = (
     ),
     (("tests/shared_control/test_controllers.py", "-k", "sac"), _UNCOMPILED),
     (("tests/rig_runtime", "tests/mig_filter_node", "tests/admittance_sim_node", "tests/user_sim_node"), {}),
-    (("tests/task_sim_node", "tests/rig_display/test_display_node.py"), {}),
+    (("tests/task_sim_node", "tests/rig_display/test_display_node.py", "tests/rig_display/test_display_losses.py"), {}),
 )
 
 
